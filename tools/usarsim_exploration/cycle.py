@@ -187,8 +187,13 @@ def set_up(
     seed: int,
     *,
     links_before: bool = False,
+    level: Level | None = None,
 ) -> Cycle:
-    """A run at its start. strategy: a pattern, which each robot gets a copy of."""
+    """A run at its start.
+
+    Args:
+        strategy: a pattern, which each robot gets a copy of. level: default the grid.
+    """
     seeds = np.random.SeedSequence(seed).spawn(2 * len(team) + 1)
     thinking, losing, noise = seeds[: len(team)], seeds[len(team)], seeds[len(team) + 1 :]
     scanners: dict[tuple[int, float], Scanner] = {}
@@ -214,5 +219,6 @@ def set_up(
         random = np.random.Generator(np.random.PCG64(noise[number]))
         bodies.append(Body(member, view, mind, scanner, random))
     lost = np.random.Generator(np.random.PCG64(losing))
-    messages = Exchange(radio, len(team), lost)
-    return Cycle(environment, bodies, radio, messages, links_before)
+    level = level or GridLevel()
+    messages = Exchange(radio, len(team), lost, level.carry)
+    return Cycle(environment, bodies, radio, messages, links_before, level)

@@ -16,7 +16,7 @@ from usarsim_exploration.environment import Environment
 from usarsim_exploration.kernels import fold, tell
 from usarsim_exploration.known_map import AT_BASE, KNOWN, MERGED, RELAYED
 from usarsim_exploration.messages import ENTRY, HEAD, RUN
-from usarsim_exploration.post import Post
+from usarsim_exploration.post import Carry, Post
 from usarsim_exploration.radio import Links, Radio
 from usarsim_exploration.strategy import BASE, Letter, Teammate
 
@@ -32,13 +32,19 @@ class Exchange:
         sent: (n,) bytes of each radio in the last step, where links have a shape.
     """
 
-    def __init__(self, radio: Radio, count: int, random: np.random.Generator) -> None:
-        """count: robots, the base among them. random: of frames that get lost."""
+    def __init__(
+        self, radio: Radio, count: int, random: np.random.Generator, carry: Carry | None = None
+    ) -> None:
+        """count: robots, the base among them. random: of frames that get lost.
+
+        carry: brings messages over real links, hop by hop; None: everybody knows at once what
+        anybody of a chain knows.
+        """
         self._radio = radio
         self._synced = np.full((count, count), -1, np.int64)
         self._post = None
-        if radio.shaped:
-            self._post = Post(radio.bandwidth, radio.latency, random)
+        if radio.shaped or carry is not None:
+            self._post = Post(radio.bandwidth, radio.latency, random, carry)
         self.cells_sent = self.bytes_sent = 0
         self.sent = np.zeros(count, np.int64)
 
@@ -63,9 +69,11 @@ class Exchange:
             cells = [body.view.cell for body in bodies]
             ranges = [body.member.radio_range for body in bodies]
             losses = self._radio.losses(environment, cells, ranges, links.direct)
-            self._post.trade(step, bodies, links.direct, losses, letters)
+            self.sent = np.zeros(len(bodies), np.int64)
+            for _ in range(1 if self._radio.shaped else links.hops()):
+                self._post.trade(step, bodies, links.direct, losses, letters)
+                self.sent += self._post.sent
             self.cells_sent = self._post.cells_sent
-            self.sent = self._post.sent
             self.bytes_sent += int(self.sent.sum())
         else:
             for group in groups:

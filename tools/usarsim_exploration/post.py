@@ -8,7 +8,7 @@ again. News that pass several robots take a step for each.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -30,7 +30,15 @@ _NONE = np.empty(0, np.int64)
 
 
 @dataclass(frozen=True, slots=True)
-class _Message:
+class Message:
+    """What one robot tells another one.
+
+    Attributes:
+        due: step at which it arrives. taker, giver: numbers.
+        base_step: newest step of the base that the giver has heard of.
+        entries: the giver's own, then absent ones'. cells, bits: news of its map.
+    """
+
     due: int
     taker: int
     giver: int
@@ -38,6 +46,10 @@ class _Message:
     entries: list[Teammate]
     cells: Cells
     bits: NDArray[np.uint8]
+
+
+Carry = Callable[[Message], Message]
+"""Brings a message over a real link; what comes out there is what the taker hears."""
 
 
 @dataclass(slots=True)
@@ -60,11 +72,18 @@ class _Line:
 class Post:
     """Carries the messages of a team."""
 
-    def __init__(self, bandwidth: int, latency: int, random: np.random.Generator) -> None:
-        """bandwidth: bytes a step of each radio; 0: no limit. latency: steps."""
+    def __init__(
+        self,
+        bandwidth: int,
+        latency: int,
+        random: np.random.Generator,
+        carry: Carry | None = None,
+    ) -> None:
+        """bandwidth: bytes a step of each radio; 0: no limit. latency: steps. carry: see there."""
         self._bandwidth, self._latency, self._random = bandwidth or _UNLIMITED, latency, random
+        self._carry = carry
         self._lines: dict[tuple[int, int], _Line] = {}
-        self._under_way: list[_Message] = []
+        self._under_way: list[Message] = []
         self.cells_sent = 0
         self.sent: NDArray[np.int64] = np.empty(0, np.int64)
         """Bytes that each radio sent in the last step."""
@@ -94,6 +113,8 @@ class Post:
                 self.sent[giver] += self._send(step, bodies[giver], own, taker, share, loss)
         arrived = [one for one in self._under_way if one.due <= step]
         self._under_way = [one for one in self._under_way if one.due > step]
+        if self._carry is not None:
+            arrived = [self._carry(one) for one in arrived if direct[one.giver, one.taker]]
         for message in arrived:
             if bodies[message.taker].works:
                 self._take(step, bodies[message.taker], message)
@@ -128,7 +149,7 @@ class Post:
             line.heard.update((one.number, one.heard) for one in entries)
         self.cells_sent += len(cells)
         self._under_way.append(
-            _Message(step + self._latency, taker, own.number, body.base_step,
+            Message(step + self._latency, taker, own.number, body.base_step,
                      entries, cells, bits)
         )  # fmt: skip
         return used
@@ -155,7 +176,7 @@ class Post:
         through, told, line.waiting = send(line.told, cells, bits, starts, first, arrives)
         return through, told, RUN * runs
 
-    def _take(self, step: int, body: Body, message: _Message) -> None:
+    def _take(self, step: int, body: Body, message: Message) -> None:
         """Learn what a message says."""
         view, known = body.view, body.view.known
         back = self._line(view.number, message.giver, known)

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Self
 
 from usarsim_exploration.cycle import Cycle, set_up
 from usarsim_exploration.ending import Reason
 from usarsim_exploration.events import Fate
 from usarsim_exploration.history import History, Recorder
+from usarsim_exploration.levels.grid import GridLevel, Level
 from usarsim_exploration.scenario import Scenario
 
 
@@ -43,20 +45,37 @@ class Run:
     """
 
     def __init__(
-        self, scenario: Scenario, begin: Callable[[str], None] = lambda phase: None
+        self,
+        scenario: Scenario,
+        begin: Callable[[str], None] = lambda phase: None,
+        connect: str = "",
     ) -> None:
         """The start: robots have scanned once and spoken once.
 
         Args:
             begin: told what begins, as the cycle tells, and `record`.
+            connect: address of the server of the level `server`; empty: it starts its own.
         """
         self.scenario = scenario
-        self._begin = begin
+        self._begin, self._connect = begin, connect
+        self._level: Level | None = None
         self.reset()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> float:
+        """End what runs beside; processor s that it has used. The cycle stays to be looked at."""
+        return self._level.close() if self._level is not None else 0.0
 
     def reset(self) -> None:
         """Begin again; the same will happen."""
         one = self.scenario
+        self.close()
+        self._level = self._new_level()
         world = one.world.environment
         self.cycle: Cycle = set_up(
             replace(world, walls=world.walls.copy()),  # doors move walls
@@ -65,12 +84,20 @@ class Run:
             one.radio,
             one.basics.seed,
             links_before=one.basics.links == "before",
+            level=self._level,
         )
         self.cycle.begin = self._begin
         self.recorder = Recorder(self.cycle)
         self.events: list[tuple[int, str]] = []
         self._fate = Fate(one.events)
         self.ended: Reason | None = one.end.reason(self.cycle, self.recorder)
+
+    def _new_level(self) -> Level:
+        if self.scenario.basics.backend == "grid":
+            return GridLevel()
+        from usarsim_exploration.levels.opening import open_level  # it needs MuJoCo and sockets
+
+        return open_level(self.scenario, self._connect)
 
     def step(self) -> bool:
         """Make one step, unless the run is over; whether it goes on."""
@@ -92,7 +119,7 @@ class Run:
 
 def run(scenario: Scenario) -> Result:
     """Run a scenario to its end."""
-    one = Run(scenario)
-    while one.step():
-        pass
-    return one.result()
+    with Run(scenario) as one:
+        while one.step():
+            pass
+        return one.result()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from usarsim_exploration.environment import Cell, Environment
 from usarsim_exploration.noise import disturb
+from usarsim_exploration.post import Carry
 from usarsim_exploration.radio import Links, find_links
 
 if TYPE_CHECKING:
@@ -16,6 +17,10 @@ if TYPE_CHECKING:
 
 class Level(Protocol):
     """Who moves robots, makes their scans, and says which links exist."""
+
+    @property
+    def carry(self) -> Carry | None:
+        """Brings messages over links; None: they need nobody for that."""
 
     def look(self, cycle: Cycle) -> None:
         """The first scans of all, before the first step."""
@@ -26,9 +31,17 @@ class Level(Protocol):
     def links(self, cycle: Cycle) -> Links:
         """Who hears whom now."""
 
+    def facts(self) -> dict[str, object]:
+        """What the level knows beside, at the end of a run."""
+
+    def close(self) -> float:
+        """End it; processor s that others have used for it."""
+
 
 class GridLevel:
     """Computes on the cells of the true world."""
+
+    carry: Carry | None = None
 
     def look(self, cycle: Cycle) -> None:
         """The first scans."""
@@ -50,6 +63,14 @@ class GridLevel:
             for body in cycle.bodies
         ]
         return find_links(cycle.radio, cycle.environment, cells, ranges, cycle.step)
+
+    def facts(self) -> dict[str, object]:
+        """Nothing."""
+        return {}
+
+    def close(self) -> float:
+        """There is nothing to end."""
+        return 0.0
 
     def _drive(self, cycle: Cycle, body: Body) -> None:
         view, environment = body.view, cycle.environment

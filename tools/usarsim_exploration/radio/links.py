@@ -34,6 +34,14 @@ class Links:
             closed = further
         self.closed = closed
 
+    def hops(self) -> int:
+        """How many hops the longest of the shortest chains has; at least 1."""
+        reached, step = self.direct | np.eye(len(self.direct), dtype=np.bool_), 1
+        further = reached
+        while (further != self.closed).any():
+            further, step = further @ reached, step + 1
+        return step
+
     def groups(self) -> list[list[int]]:
         """Who can talk to whom, each once, in order; nobody alone."""
         found, seen = [], set[int]()

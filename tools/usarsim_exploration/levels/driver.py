@@ -1,0 +1,168 @@
+"""Drives one robot along a route: pure pursuit, a look at the laser before each command, recovery.
+
+Knows no socket and no server: poses and scans come in, speeds go out (R. C. Coulter,
+"Implementation of the pure pursuit path tracking algorithm", CMU-RI-TR-92-01).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from usarsim_exploration.levels.laser import Floats, Pose
+
+LENGTH, WIDTH = 0.32, 0.31
+"""Half the length and width of a robot with some room, m."""
+_LOOKAHEAD = 0.45
+"""m on the route to where a robot heads."""
+_SHARP = 0.7
+"""rad beside the heading beyond which it turns on the spot."""
+_FACING = 0.35
+"""rad beside the goal within which a robot that has arrived sees what it came for."""
+_NEAR = 0.12
+"""m from the end of the route that count as there."""
+_SHORT = 0.4
+"""m from its end within which a wall ahead ends the route."""
+_AFRESH = 1.0
+"""m from where a robot backed off first, beyond which it is no longer at the same obstacle."""
+_TURN = 1.2
+"""rad/s at most."""
+_BACK = 0.2
+"""m/s of a robot that backs off."""
+_PATIENCE = 2.0
+"""s without any progress after which a robot backs off."""
+_TRIES = 3
+"""Of backing off on one way, after which it is blocked."""
+
+
+class Driver:
+    """One robot's wheels.
+
+    Attributes:
+        top: m/s at most.
+        arrived: it is at the end of its way, and looks ahead. blocked: it gets no further.
+        stuck: s that it has made no progress though it should, so far. recoveries: times that it
+            has backed off.
+    """
+
+    def __init__(self, number: int, top: float, period: float) -> None:
+        """number: of the robot. top: m/s. period: s between two commands."""
+        self._number, self.top, self._period = number, top, period
+        self._route: list[tuple[float, float]] = []
+        self._facing = 0.0
+        self._ends = self._idle = True
+        self._past: deque[Pose] = deque(maxlen=max(2, round(_PATIENCE / period)))
+        self._retreat = 0.0
+        self._tries, self._began = 0, (0.0, 0.0)
+        self.arrived = True
+        self.blocked = False
+        self.stuck = 0.0
+        self.recoveries = 0
+
+    def limit(self, top: float) -> None:
+        """The robot is no faster than that, m/s."""
+        self.top = min(self.top, top)
+
+    def follow(self, route: list[tuple[float, float]], facing: float, *, ends: bool) -> None:
+        """Take a new route, m; facing: rad at its end; ends: it leads to where the robot shall."""
+        self._route, self._facing, self._ends = route, facing, ends
+        self._idle = self.arrived = False
+        self.blocked = not route and not ends
+
+    def rest(self) -> None:
+        """There is nowhere to go."""
+        self._route, self._idle, self._tries = [], True, 0
+        self.arrived, self.blocked = True, False
+
+    def steer(self, pose: Pose, points: Floats, crowd: bool) -> tuple[float, float]:
+        """What to do until the next call.
+
+        Args:
+            pose: now. points: (n, 2) what the laser sees, m ahead of the robot and to its right.
+            crowd: another robot is near, so who waits is not stuck at once.
+
+        Returns:
+            m/s ahead, and rad/s to the right.
+        """
+        if self._retreat > 0.0:
+            self._retreat -= self._period
+            self._past.clear()
+            return -_BACK, 0.4 if self._tries % 2 else -0.4
+        speed, turn = self._pursue(pose, points)
+        if self._idle or self.arrived:
+            self._past.clear()
+            return speed, turn
+        self._past.append(pose)
+        first = self._past[0]
+        away = math.hypot(pose.x - first.x, pose.y - first.y)
+        turned = abs(wrapped(pose.heading - first.heading))
+        if away < 0.04 and turned < 0.1 and len(self._past) > 2:
+            self.stuck += self._period
+            waited = len(self._past) == self._past.maxlen
+            if waited and (not crowd or self.stuck % (2.0 * (1 + 1 / self._number)) < self._period):
+                self._back_off(pose)
+        if self._tries and math.dist(self._began, (pose.x, pose.y)) > _AFRESH:
+            self._tries = 0
+        return speed, turn
+
+    def _back_off(self, pose: Pose) -> None:
+        if not self._tries:
+            self._began = pose.x, pose.y
+        self._tries += 1
+        self.recoveries += 1
+        self._retreat = 1.2 + 0.4 * (self._tries - 1)
+        self.blocked = self.blocked or self._tries > _TRIES
+        if self._tries > _TRIES:
+            self._tries = 0
+
+    def _pursue(self, pose: Pose, points: Floats) -> tuple[float, float]:
+        if self._idle:
+            return 0.0, 0.0
+        while self._route and math.dist(self._route[0], (pose.x, pose.y)) < _LOOKAHEAD:
+            if len(self._route) == 1:
+                break
+            self._route.pop(0)
+        if self._route:
+            x, y = self._route[0]
+            left = math.hypot(x - pose.x, y - pose.y)
+            if len(self._route) == 1 and left < _NEAR:
+                self._route = []
+            else:
+                return self._towards(pose, math.atan2(y - pose.y, x - pose.x), left, points)
+        if not self._ends:
+            self.arrived = not self.blocked
+            return 0.0, 0.0
+        beside = wrapped(self._facing - pose.heading)
+        if abs(beside) > _FACING:
+            return 0.0, float(np.clip(2.0 * beside, -_TURN, _TURN))
+        self.arrived = True
+        return 0.0, 0.0
+
+    def _towards(
+        self, pose: Pose, direction: float, left: float, points: Floats
+    ) -> tuple[float, float]:
+        beside = wrapped(direction - pose.heading)
+        turn = float(np.clip(2.2 * beside, -_TURN, _TURN))
+        if abs(beside) > _SHARP:
+            return 0.0, turn
+        last = len(self._route) == 1
+        speed = self.top * math.cos(beside) ** 2
+        if last:
+            speed = min(speed, max(0.1, 1.2 * left))
+        allowed = _room(points) / 0.6
+        if last and left < _SHORT and allowed < 0.05:
+            self._route = []  # it gets no nearer
+        return min(speed, allowed), turn
+
+
+def _room(points: Floats) -> float:
+    """m straight ahead of the bumper until something is in the way."""
+    ahead = points[(points[:, 0] > 0.0) & (np.abs(points[:, 1]) < WIDTH), 0]
+    return max(float(ahead.min()) - LENGTH, 0.0) if len(ahead) else math.inf
+
+
+def wrapped(angle: float) -> float:
+    """The same direction in [-pi, pi)."""
+    return (angle + math.pi) % math.tau - math.pi

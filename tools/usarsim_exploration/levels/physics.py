@@ -1,0 +1,36 @@
+"""The `[physics]` table: what robots of the level `server` are, and how they drive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from usarsim_server.fields import field
+
+Localisation = Literal["truth", "odometry"]
+
+
+@dataclass(frozen=True)
+class Physics:
+    """Keys of `[physics]`; they mean nothing to the grid."""
+
+    robot: str = field(
+        default="P3AT", help="class of all robots: skid steered, with a flat laser and odometry"
+    )
+    seconds: float = field(
+        default=2.0, low=0.2, high=60.0, unit="s",
+        help="simulated time of a step; `speed` cells of it are the most that a robot drives",
+    )  # fmt: skip
+    control: float = field(
+        default=0.2, low=0.02, high=1.0, unit="s",
+        help="simulated time between two commands to the wheels; the tick of the server",
+    )  # fmt: skip
+    localisation: Localisation = field(
+        default="truth",
+        help="where robots know from where they are: the sensor GroundTruth, or their wheels alone",
+    )
+
+    @property
+    def ticks(self) -> int:
+        """Of a step."""
+        return max(1, round(self.seconds / self.control))

@@ -1,0 +1,403 @@
+"""The level with physics: robots of a USARSim server, driven by the text protocol in lockstep.
+
+In each step all robots decide, then drive together for some simulated seconds: commands to the
+wheels at every tick, scans into maps as they go. Nothing but ports 3000 and 50000 is used.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import re
+import socket
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from usarsim_exploration.environment import Cell
+from usarsim_exploration.errors import ExplorationError
+from usarsim_exploration.known_map import FREE, SAFE, WALL
+from usarsim_exploration.levels.air import Air
+from usarsim_exploration.levels.controller import Controller, DeadError
+from usarsim_exploration.levels.driver import Driver, wrapped
+from usarsim_exploration.levels.laser import Disc, Pose, hits, rasterise
+from usarsim_exploration.levels.physics import Physics
+from usarsim_exploration.levels.route import route
+from usarsim_exploration.levels.serving import OwnServer, cutoff
+from usarsim_exploration.levels.wire import decode, encode
+from usarsim_exploration.post import Message
+from usarsim_exploration.radio import Links, Radio
+from usarsim_exploration.walking import line
+
+if TYPE_CHECKING:
+    from usarsim_exploration.cycle import Body, Cycle, Member
+
+STATION = "ComStation"
+"""Class of the base."""
+HEIGHT = 0.2, 0.5
+"""m above the floor at which robots and the base come into the world."""
+_FIRST = 5.0
+"""s of simulated time within which each robot has seen something."""
+_WIDTH = 3.5
+"""Cells of 0.1 m from a robot's middle to that of the nearest wall's cell; it is 0.29 m wide."""
+_ROBOT = 0.45
+"""m around the middle of a robot within which a scan does not see walls but the robot."""
+_FORGOTTEN, _FAR = 10, 3.0
+"""Steps after which nobody reckons any longer with a robot that is silent, and m that it may have
+gone until then."""
+_BODY = 0.3
+"""m around the middle of a robot that others do not drive over."""
+_SEES = 3.0
+"""m within which a laser point that is on no map keeps robots away."""
+_TURNED = 0.2
+"""rad after which a robot takes in a scan though it has not moved by a cell."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a server is. control, wireless: ports. own: it was started for this run."""
+
+    host: str = "127.0.0.1"
+    control: int = 3000
+    wireless: int = 50000
+    own: OwnServer | None = None
+
+
+@dataclass(slots=True)
+class _Rover:
+    """A robot in the world. pose, scanned: where it believes to be,
+    and to have been at its newest scan. taken: pose of the scan that it took in last."""
+
+    body: Body
+    controller: Controller
+    driver: Driver
+    start: Pose
+    pose: Pose
+    scanned: Pose
+    taken: Pose | None = None
+    visited: list[Cell] = field(default_factory=list)
+    others: list[Disc] = field(default_factory=list)
+
+
+class ServerLevel:
+    """Drives robots of a server.
+
+    Attributes:
+        time: simulated s so far. lost: names of robots that have left the world.
+    """
+
+    def __init__(
+        self,
+        physics: Physics,
+        team: Sequence[Member],
+        shape: tuple[int, int],
+        cell: float,
+        radio: Radio,
+        place: Place,
+    ) -> None:
+        """Bring the team into the world of a server.
+
+        Args:
+            physics: see there. team: the base first. shape: rows and columns of the environment.
+            cell: width of one, m. radio: of the scenario. place: of the server.
+
+        Raises:
+            ExplorationError: there is no server, or it does not let all in.
+        """
+        self._physics, self._cell, self._shape = physics, cell, shape
+        host, control = place.host, place.control
+        self._address, self._own = (host, control), place.own
+        self._tall = shape[0] * cell
+        self._team = tuple(team)
+        self._air: Air | None = None
+        self.controllers: list[Controller] = []
+        self._rovers: list[_Rover] = []
+        self.time = self._begun = 0.0
+        self.lost: list[str] = []
+        try:
+            for number, member in enumerate(self._team):
+                kind = STATION if number == 0 else physics.robot
+                one = Controller(host, control, wire_name(member.name), kind)
+                self.controllers.append(one)
+                x, y = self._middle(member.cell)
+                one.enter(x, y - self._tall, -HEIGHT[number == 0], member.heading)
+                if number:
+                    one.learn()
+            names = [one.name for one in self.controllers]
+            self._air = Air(host, place.wireless, names, cutoff(radio))
+        except OSError as error:
+            self.close()
+            cure = "start `usarsim serve --lockstep` there, or leave --connect out"
+            raise ExplorationError(f"no server at {host}:{control}: {error} ({cure})") from error
+        except ExplorationError:
+            self.close()
+            raise
+
+    # -- what a cycle asks for ------------------------------------------------------------------
+
+    def look(self, cycle: Cycle) -> None:
+        """The first scans: the world goes on until all robots have seen something."""
+        for body, one in zip(cycle.bodies[1:], self.controllers[1:], strict=True):
+            x, y = self._middle(body.view.cell)
+            start = Pose(x, y, body.member.heading)
+            top = body.member.speed * self._cell / self._physics.seconds
+            driver = Driver(body.view.number, top, self._physics.control)
+            self._rovers.append(_Rover(body, one, driver, start, start, start))
+        for _ in range(math.ceil(_FIRST / self._physics.control)):
+            self._tick(cycle, drive=False)
+            if all(len(one.ranges) for one in self.controllers[1:]):
+                break
+        for rover in self._rovers:
+            if not len(rover.controller.ranges):
+                cure = f"{self._physics.robot} needs a RangeScanner"
+                raise ExplorationError(f"{rover.controller.name} has no laser scan ({cure})")
+            if math.isfinite(rover.controller.top):
+                rover.driver.limit(rover.controller.top)
+            rover.others = self._discs(cycle, rover)
+            self._take_in(cycle, rover)
+
+    def move(self, cycle: Cycle) -> None:
+        """All decide, then all drive for a step."""
+        acting = set(map(id, cycle.acting()))
+        moving = [one for one in self._rovers if id(one.body) in acting]
+        for rover in moving:
+            cycle.decide(rover.body)
+            self._set_out(cycle, rover)
+        self._begun = self.time
+        for _ in range(self._physics.ticks):
+            self._tick(cycle)
+        for rover in moving:
+            self._settle(cycle, rover)
+            rover.body.view.planner.forget()
+
+    def links(self, cycle: Cycle) -> Links:
+        """As strong as the wireless server says."""
+        assert self._air is not None
+        on = [one.works and not one.silent for one in cycle.bodies]
+        return Links(self._air.hears(on))
+
+    def carry(self, message: Message) -> Message:
+        """Over the wireless server."""
+        assert self._air is not None
+        return decode(self._air.carry(message.giver, message.taker, encode(message)))
+
+    def facts(self) -> dict[str, object]:
+        """What only physics knows."""
+        return {
+            "simulated_s": round(self.time, 3),
+            "stuck_s": round(sum(one.driver.stuck for one in self._rovers), 3),
+            "recoveries": sum(one.driver.recoveries for one in self._rovers),
+        }
+
+    def close(self) -> float:
+        """Everybody leaves the world; processor s of the server, if it is our own."""
+        if self._air is not None:
+            self._air.close()
+        for one in self.controllers:
+            one.close()
+        return self._own.close() if self._own is not None else 0.0
+
+    # -- a step ---------------------------------------------------------------------------------
+
+    def _set_out(self, cycle: Cycle, rover: _Rover) -> None:
+        """Make the way for this step out of what is left of the strategy's path."""
+        body, view = rover.body, rover.body.view
+        rover.visited = [view.cell]
+        rover.others = self._discs(cycle, rover)
+        if not view.path:
+            rover.driver.rest()
+            return
+        seen = [np.array([self._at(one.x, one.y)]) + _round(_BODY / self._cell)
+                for one in rover.others[1:]]  # fmt: skip
+        near = rover.controller.ranges < _SEES
+        points = hits(rover.scanned, rover.controller.mount, rover.controller.ranges[near] + 0.03,
+                      rover.controller.angles[near])  # fmt: skip
+        seen.append(np.floor(points / self._cell).astype(np.int64))
+        here = self._at(rover.pose.x, rover.pose.y)
+        width = _WIDTH * 0.1 / self._cell
+        way, ends = route(view.known.bits, here, view.path, width, np.concatenate(seen), view.base)
+        end = self._middle(view.path[-1])
+        last = self._middle(view.path[-6]) if len(view.path) > 5 else (rover.pose.x, rover.pose.y)
+        far = math.dist(end, last) > self._cell
+        facing = math.atan2(end[1] - last[1], end[0] - last[0]) if far else rover.pose.heading
+        rover.driver.follow([self._middle(one) for one in way], facing, ends=ends)
+
+    def _tick(self, cycle: Cycle, *, drive: bool = True) -> None:
+        """One tick of the world: commands, then readings, then scans into maps."""
+        present = [one for one in self._rovers if one.controller.name not in self.lost]
+        speeds: list[tuple[float, float]] = []
+        for rover in present:
+            moves = drive and rover.body.works
+            speeds.append(self._steer(rover) if moves else (0.0, 0.0))
+        try:
+            self.controllers[0].release(drive=False)
+            for rover, speed in zip(present, speeds, strict=True):
+                rover.controller.release(*speed, drive=drive)
+            self.controllers[0].collect()
+        except DeadError as error:
+            raise self._gone(error) from error
+        for rover in present:
+            try:
+                rover.controller.collect()
+            except DeadError as error:
+                self._bury(rover, error)
+                continue
+            self._locate(rover)
+            if drive and rover.body.works:
+                self._watch(cycle, rover)
+        self.time += self._physics.control
+
+    def _steer(self, rover: _Rover) -> tuple[float, float]:
+        one = rover.controller
+        points = np.stack([one.mount + one.ranges * np.cos(one.angles),
+                           one.ranges * np.sin(one.angles)], axis=1)  # fmt: skip
+        here = rover.pose.x, rover.pose.y
+        crowd = any(math.dist((disc.x, disc.y), here) < 1.5 for disc in rover.others)
+        return rover.driver.steer(rover.pose, points, crowd)
+
+    def _locate(self, rover: _Rover) -> None:
+        """Where the robot believes to be now, and where it was when it scanned."""
+        here = self._believed(rover, seen=False)
+        rover.pose = here or rover.pose
+        if rover.controller.fresh:
+            rover.scanned = self._believed(rover, seen=True) or rover.pose
+
+    def _believed(self, rover: _Rover, *, seen: bool) -> Pose | None:
+        if self._physics.localisation == "truth":
+            told = rover.controller.truth(seen=seen)
+            return told and Pose(told.x, told.y + self._tall, told.heading)
+        wheels = rover.controller.odometry(seen=seen)
+        if wheels is None:
+            return None
+        x, y = rover.start.ahead(wheels.x)
+        turned = rover.start.heading
+        x, y = x - wheels.y * math.sin(turned), y + wheels.y * math.cos(turned)
+        return Pose(x, y, turned + wheels.heading)
+
+    def _watch(self, cycle: Cycle, rover: _Rover) -> None:
+        """Note where the robot has come, and take in what it sees from there."""
+        cell = self._at(rover.pose.x, rover.pose.y)
+        if cell != rover.visited[-1]:
+            rover.visited.append(cell)
+        taken = rover.taken
+        assert taken is not None
+        seen = rover.scanned
+        moved = math.hypot(seen.x - taken.x, seen.y - taken.y)
+        turned = abs(wrapped(seen.heading - taken.heading))
+        if rover.controller.fresh and (moved >= self._cell or turned >= _TURNED):
+            rover.body.distance += moved / self._cell
+            self._take_in(cycle, rover)
+
+    def _take_in(self, cycle: Cycle, rover: _Rover) -> None:
+        body, one = rover.body, rover.controller
+        since = (self.time - self._begun) * rover.driver.top  # of the step, m that others drive
+        others = [replace(disc, radius=disc.radius + since) for disc in rover.others[1:]]
+        wide = np.abs(one.angles) <= body.member.view / 2 + 1e-3
+        scans = rasterise(rover.scanned, one.mount, one.ranges[wide], one.angles[wide],
+                          body.member.reach, self._cell, self._shape, [rover.others[0], *others])  # fmt: skip
+        known = body.view.known
+        cycle.count(body, known.take_in(cycle.step, scans, rover.taken is not None))
+        rover.taken = rover.scanned
+        column, row = self._at(rover.pose.x, rover.pose.y)
+        if known.bits[row, column] & (FREE | WALL) != FREE:  # it is there, so nothing else is
+            index = np.array([row * self._shape[1] + column])
+            known.write(cycle.step, index, np.array([FREE | SAFE], np.uint8))
+
+    def _settle(self, cycle: Cycle, rover: _Rover) -> None:
+        """What the strategy learns of the step: where the robot is, what is left, what is blocked."""
+        body, view, driver = rover.body, rover.body.view, rover.driver
+        visited = rover.visited
+        moved = len(visited) > 1
+        here = visited[-1]
+        view.heading = rover.pose.heading
+        blocked = driver.blocked and bool(view.path)
+        view.blocked = blocked
+        if view.path and driver.arrived and not blocked:
+            here, view.path = view.path[-1], []
+        elif view.path and not blocked:
+            nearest = min(range(min(len(view.path), 40)),
+                          key=lambda n: (math.dist(view.path[n], here), -n))  # fmt: skip
+            rest = view.path[nearest:]
+            view.path = line(here, rest[0]) + rest[1:] if rest[0] != here else rest[1:]
+        if blocked:
+            self._bump(cycle, rover)
+            view.path = []
+        cells = [visited[0]]
+        for cell in [*visited[1:], here]:
+            if cell != cells[-1]:
+                cells += line(cells[-1], cell)
+        if moved or driver.arrived:
+            view.cell = here
+        body.moves = cells[1:] if view.cell == cells[-1] else []
+
+    def _bump(self, cycle: Cycle, rover: _Rover) -> None:
+        """Something that is on no map keeps the robot from going on: it takes that for a wall."""
+        view = rover.body.view
+        here = self._at(rover.pose.x, rover.pose.y)
+        ahead = [one for one in view.path if math.dist(one, here) >= 4.0][:1] or view.path[-1:]
+        for cell in ahead:
+            x, y = self._middle(cell)
+            taken = any(math.dist((x, y), (one.x, one.y)) < 1.0 for one in rover.others)
+            if cell != view.base and not taken and cell != here:
+                view.known.bump(cycle.step, cell)
+
+    # -- others ---------------------------------------------------------------------------------
+
+    def _discs(self, cycle: Cycle, rover: _Rover) -> list[Disc]:
+        """Where this robot thinks that others and the base are, and how far they may have got."""
+        view = rover.body.view
+        found = [Disc(*self._middle(view.base), 0.3)]
+        for one in view.teammates.values():
+            if one.number == 0:
+                continue
+            age = max(cycle.step - one.heard - 1, 0) if one.heard >= 0 else cycle.step
+            if age < _FORGOTTEN:
+                gone = min(age * one.speed * self._cell, _FAR)
+                found.append(Disc(*self._middle(one.cell), _ROBOT + gone))
+        return found
+
+    def _bury(self, rover: _Rover, error: DeadError) -> None:
+        """A robot has left the world; if the server is gone as well, that is the end.
+
+        Raises:
+            ExplorationError: nobody answers any longer.
+        """
+        with contextlib.suppress(OSError):
+            socket.create_connection(self._address, 5.0).close()
+            rover.body.works = False
+            self.lost.append(rover.controller.name)
+            rover.controller.close()
+            return
+        raise self._gone(error)
+
+    def _gone(self, error: Exception) -> ExplorationError:
+        host, port = self._address
+        return ExplorationError(
+            f"the server {host}:{port} is gone after {self.time:.1f} s: {error}"
+        )
+
+    def _middle(self, cell: Cell) -> tuple[float, float]:
+        """m of the middle of a cell."""
+        return (cell[0] + 0.5) * self._cell, (cell[1] + 0.5) * self._cell
+
+    def _at(self, x: float, y: float) -> Cell:
+        """The cell of a place, m; the nearest one for what is outside."""
+        rows, columns = self._shape
+        return (
+            min(max(int(x / self._cell), 0), columns - 1), min(max(int(y / self._cell), 0), rows - 1)
+        )  # fmt: skip
+
+
+def wire_name(name: str) -> str:
+    """A name as the server takes it."""
+    return re.sub(r"\W", "_", name, flags=re.ASCII)[:64]
+
+
+def _round(radius: float) -> np.ndarray:
+    """(n, 2) cells of a disc around one."""
+    reach = int(radius)
+    columns, rows = np.meshgrid(range(-reach, reach + 1), range(-reach, reach + 1))
+    inside = np.hypot(columns, rows) <= radius
+    return np.stack([columns[inside], rows[inside]], axis=1)
