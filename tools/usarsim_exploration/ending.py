@@ -9,7 +9,7 @@ from usarsim_exploration.cycle import BASE, Body, Cycle
 from usarsim_exploration.history import Recorder
 from usarsim_server.fields import field
 
-Reason = Literal["steps", "base knows", "all home", "all lost"]
+Reason = Literal["steps", "base knows", "all home", "all lost", "failed"]
 
 
 @dataclass(frozen=True)

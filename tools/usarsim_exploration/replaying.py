@@ -118,7 +118,8 @@ def again(scenario: Scenario, log: Log) -> Run:
         for member, cell in zip(scenario.team, log.starts, strict=True)
     )
     end = replace(scenario.end, steps=max(len(log.entries), 1), base=None, home=False)
-    return Run(replace(scenario, team=team, strategy=_Again(log), end=end))
+    basics = replace(scenario.basics, backend="grid")
+    return Run(replace(scenario, team=team, strategy=_Again(log), end=end, basics=basics))
 
 
 def read_mresim_log(path: Path, environment: Environment) -> Log:

@@ -54,6 +54,10 @@ def facts(result: Result) -> dict[str, object]:
         "events": [{"step": step, "event": what} for step, what in result.events],
         "measures": measure(result.history),
     }
+    if result.level:
+        found["physics"] = {"localisation": scenario.physics.localisation, **result.level}
+    if result.error:
+        found["error"] = result.error
     told = rounded(found)
     assert isinstance(told, dict)
     return told

@@ -5,8 +5,8 @@ Nothing here reads a clock or a file, so the same scenario gives the same histor
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 from usarsim_exploration.cycle import Cycle, set_up
@@ -25,6 +25,7 @@ class Result:
         scenario: what was run. history: what happened. ended: why it ended.
         events: (step, what happened) of those that came.
         cycle: as it was at the end, with all maps.
+        error: why it failed, if it did. level: what only physics knows; nothing of the grid.
     """
 
     scenario: Scenario
@@ -32,6 +33,8 @@ class Result:
     ended: Reason
     events: tuple[tuple[int, str], ...]
     cycle: Cycle
+    error: str = ""
+    level: Mapping[str, object] = field(default_factory=dict)
 
 
 class Run:
@@ -90,6 +93,7 @@ class Run:
         self.recorder = Recorder(self.cycle)
         self.events: list[tuple[int, str]] = []
         self._fate = Fate(one.events)
+        self._error = ""
         self.ended: Reason | None = one.end.reason(self.cycle, self.recorder)
 
     def _new_level(self) -> Level:
@@ -110,11 +114,16 @@ class Run:
             self.ended = self.scenario.end.reason(self.cycle, self.recorder)
         return self.ended is None
 
+    def fail(self, error: str) -> None:
+        """It cannot go on, for that reason; what was recorded holds."""
+        self.ended, self._error = "failed", error
+
     def result(self) -> Result:
         """What came of it; the run has to be over."""
         assert self.ended is not None
-        history = self.recorder.history()
-        return Result(self.scenario, history, self.ended, tuple(self.events), self.cycle)
+        history, level = self.recorder.history(), self.cycle.level.facts()
+        events = tuple(self.events)
+        return Result(self.scenario, history, self.ended, events, self.cycle, self._error, level)
 
 
 def run(scenario: Scenario) -> Result:

@@ -153,7 +153,8 @@ def read(content: Mapping[str, object], path: Path | str = OPTIONS) -> Scenario:
     events = read_events(table, [one.name for one in team], world.environment)
     table.finish({"robots": "write it in [team]", "world": "write [environment] name"})
     return Scenario(
-        world, team, radio, strategy, name, basics, physics, end, events, dict(content), mapped, files
+        world, team, radio, strategy, name, basics, physics, end, events, dict(content), mapped,
+        files,
     )  # fmt: skip
 
 

@@ -36,7 +36,18 @@ MOST = 1_000_000
 SHIPPED = Path(__file__).parent / "suites"
 SUITES = {path.stem: path for path in sorted(SHIPPED.glob("*.toml"))}
 """Batches that come along, by name."""
-_COMMON = ("links", "environment", "team", "radio", "strategy", "end", "robot", "event")
+_COMMON = (
+    "links",
+    "backend",
+    "physics",
+    "environment",
+    "team",
+    "radio",
+    "strategy",
+    "end",
+    "robot",
+    "event",
+)
 """Keys of a scenario that hold for all runs."""
 _LABEL = re.compile(r"[^/,\s]([^/,]*[^/,\s])?")
 
@@ -307,7 +318,7 @@ def read_batch(content: Mapping[str, object], path: Path) -> Batch:
     robots = common.get("robot")
     if isinstance(robots, list) and "teams" not in content:
         lists = replace(lists, teams=(Entry(str(len(robots)), {}),))
-    for key in ("environment", "team", "radio", "strategy", "end"):
+    for key in ("physics", "environment", "team", "radio", "strategy", "end"):
         table.free(key)
     table.finish(
         {"seed": "write seeds = [1]", "robots": "write teams = [1, 2, 4]", "radio_models": "radios"}

@@ -25,10 +25,10 @@ def play(job: Job) -> Played:
     """Run a job; whatever goes wrong is in the row."""
     watch = Watch()
     try:
-        one = Run(job.scenario(), watch.begin)
-        while one.step():
-            pass
-        result = one.result()
+        with Run(job.scenario(), watch.begin) as one:
+            while one.step():
+                pass
+            result, simulator = one.result(), one.close()
         history = result.history
         row = job.facts() | {
             "ended": {"reason": result.ended, "step": history.steps},
@@ -39,7 +39,8 @@ def play(job: Job) -> Played:
     except Exception as error:  # a batch goes on
         return failed(job, _told(error))
     watch.begin(PHASES[-1])
-    return Played(row, {"steps": history.steps, **watch.processor()}, provenance())
+    timing = {"steps": history.steps, **watch.processor()}
+    return Played(row, timing | ({"simulator": simulator} if simulator else {}), provenance())
 
 
 def curves(history: History) -> dict[str, object]:

@@ -29,6 +29,7 @@ _OPTIONS = {
     "radio": ("radio.model", "NAME", "radio model"),
     "seed": ("seed", "N", "of all that strategies draw"),
     "steps": ("end.steps", "N", "most steps of the run"),
+    "backend": ("backend", "NAME", "grid, or server: robots with physics, driven over its ports"),
 }
 _TOLD = 25
 """Steps between two lines of progress on a terminal."""
@@ -47,6 +48,12 @@ def add_parser(subparsers: Subparsers) -> None:
         action="append",
         default=[],
         help="any key of a scenario, such as strategy.replan=20; may be repeated",
+    )
+    parser.add_argument(
+        "--connect",
+        metavar="HOST[:PORT[:WIRELESS]]",
+        default="",
+        help="server in lockstep with the same world, of backend server; without: one is started",
     )
     parser.add_argument("--out", metavar="DIR", type=Path, help="folder of the results")
     parser.add_argument(
@@ -96,11 +103,19 @@ def run(arguments: argparse.Namespace) -> int:
         )
     if arguments.out is not None:
         run_folder.prepare(arguments.out)
-    one = Run(scenario, taken.begin)
-    if arguments.show:
-        return _show(one, arguments.out, taken)
-    _go(one, one.step)
-    _finish(one, arguments.out, taken)
+    if arguments.connect and scenario.basics.backend == "grid":
+        raise UsarsimError("--connect: the grid needs no server (cure: add --backend server)")
+    with Run(scenario, taken.begin, arguments.connect) as one:
+        if arguments.show:
+            return _show(one, arguments.out, taken)
+        try:
+            _go(one, one.step)
+        except UsarsimError as error:
+            one.fail(str(error))
+            if arguments.out is not None:
+                run_folder.write(one.result(), arguments.out, taken.facts(one.cycle.step))
+            raise
+        _finish(one, arguments.out, taken)
     return 0
 
 
@@ -121,6 +136,8 @@ def _finish(one: Run, out: Path | None, taken: Watch) -> None:
 
     result = one.result()
     timing = taken.facts(result.history.steps)
+    if (simulator := one.close()) or result.level:
+        timing["simulator_processor_s"] = simulator
     if out is not None:
         run_folder.write(result, out, timing)
     print(run_folder.line(result, timing), flush=True)

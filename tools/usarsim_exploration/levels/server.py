@@ -203,7 +203,7 @@ class ServerLevel:
 
     def _set_out(self, cycle: Cycle, rover: _Rover) -> None:
         """Make the way for this step out of what is left of the strategy's path."""
-        body, view = rover.body, rover.body.view
+        view = rover.body.view
         rover.visited = [view.cell]
         rover.others = self._discs(cycle, rover)
         if not view.path:
@@ -295,8 +295,10 @@ class ServerLevel:
         since = (self.time - self._begun) * rover.driver.top  # of the step, m that others drive
         others = [replace(disc, radius=disc.radius + since) for disc in rover.others[1:]]
         wide = np.abs(one.angles) <= body.member.view / 2 + 1e-3
-        scans = rasterise(rover.scanned, one.mount, one.ranges[wide], one.angles[wide],
-                          body.member.reach, self._cell, self._shape, [rover.others[0], *others])  # fmt: skip
+        scans = rasterise(
+            rover.scanned, one.mount, one.ranges[wide], one.angles[wide], body.member.reach,
+            self._cell, self._shape, [rover.others[0], *others],
+        )  # fmt: skip
         known = body.view.known
         cycle.count(body, known.take_in(cycle.step, scans, rover.taken is not None))
         rover.taken = rover.scanned
@@ -306,7 +308,7 @@ class ServerLevel:
             known.write(cycle.step, index, np.array([FREE | SAFE], np.uint8))
 
     def _settle(self, cycle: Cycle, rover: _Rover) -> None:
-        """What the strategy learns of the step: where the robot is, what is left, what is blocked."""
+        """What the strategy learns of the step: where the robot is, and what is left."""
         body, view, driver = rover.body, rover.body.view, rover.driver
         visited = rover.visited
         moved = len(visited) > 1
@@ -385,9 +387,8 @@ class ServerLevel:
     def _at(self, x: float, y: float) -> Cell:
         """The cell of a place, m; the nearest one for what is outside."""
         rows, columns = self._shape
-        return (
-            min(max(int(x / self._cell), 0), columns - 1), min(max(int(y / self._cell), 0), rows - 1)
-        )  # fmt: skip
+        column, row = int(x / self._cell), int(y / self._cell)
+        return min(max(column, 0), columns - 1), min(max(row, 0), rows - 1)
 
 
 def wire_name(name: str) -> str:

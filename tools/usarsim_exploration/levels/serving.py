@@ -1,4 +1,4 @@
-"""A server of a run's own: the world of its environment, in lockstep, on ports of the system's choice."""
+"""A server of a run's own: its world in lockstep, on ports that the system chooses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages of a team as bytes: a head of JSON, then runs of cells; the same bytes for the same news.
+"""Messages of a team as bytes: a head of JSON, then runs of cells; equal for equal news.
 
 Length of the head (4 bytes), the head, number of runs (4 bytes), and for each run start and bits in
 four bytes, length in two. JSON has no tuples and no arrays, which letters of strategies hold, so
