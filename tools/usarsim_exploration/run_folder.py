@@ -54,8 +54,8 @@ def facts(result: Result) -> dict[str, object]:
         "events": [{"step": step, "event": what} for step, what in result.events],
         "measures": measure(result.history),
     }
-    if result.level:
-        found["physics"] = {"localisation": scenario.physics.localisation, **result.level}
+    if scenario.basics.backend != "grid":
+        found["localisation"] = scenario.physics.localisation
     if result.error:
         found["error"] = result.error
     told = rounded(found)

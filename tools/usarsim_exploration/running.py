@@ -5,8 +5,8 @@ Nothing here reads a clock or a file, so the same scenario gives the same histor
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Self
 
 from usarsim_exploration.cycle import Cycle, set_up
@@ -25,7 +25,7 @@ class Result:
         scenario: what was run. history: what happened. ended: why it ended.
         events: (step, what happened) of those that came.
         cycle: as it was at the end, with all maps.
-        error: why it failed, if it did. level: what only physics knows; nothing of the grid.
+        error: why it failed, if it did.
     """
 
     scenario: Scenario
@@ -34,7 +34,6 @@ class Result:
     events: tuple[tuple[int, str], ...]
     cycle: Cycle
     error: str = ""
-    level: Mapping[str, object] = field(default_factory=dict)
 
 
 class Run:
@@ -121,9 +120,10 @@ class Run:
     def result(self) -> Result:
         """What came of it; the run has to be over."""
         assert self.ended is not None
-        history, level = self.recorder.history(), self.cycle.level.facts()
+        reality = self.cycle.level.reality(self.cycle)
+        history = replace(self.recorder.history(), reality=reality)
         events = tuple(self.events)
-        return Result(self.scenario, history, self.ended, events, self.cycle, self._error, level)
+        return Result(self.scenario, history, self.ended, events, self.cycle, self._error)
 
 
 def run(scenario: Scenario) -> Result:

@@ -136,8 +136,8 @@ def _finish(one: Run, out: Path | None, taken: Watch) -> None:
 
     result = one.result()
     timing = taken.facts(result.history.steps)
-    if (simulator := one.close()) or result.level:
-        timing["simulator_processor_s"] = simulator
+    if result.scenario.basics.backend != "grid":
+        timing["simulator_processor_s"] = one.close()
     if out is not None:
         run_folder.write(result, out, timing)
     print(run_folder.line(result, timing), flush=True)

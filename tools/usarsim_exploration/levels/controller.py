@@ -19,7 +19,8 @@ from usarsim_client.reports import (
     VehicleGeometry,
 )
 from usarsim_exploration.errors import ExplorationError
-from usarsim_exploration.levels.laser import Floats, Pose
+from usarsim_exploration.localisation.poses import Pose
+from usarsim_exploration.localisation.surfaces import Floats
 
 Kind = TypeVar("Kind")
 _PATIENCE = 60.0
@@ -119,7 +120,7 @@ class Controller:
         if line is None:
             return None
         told = _one(line, GroundTruth)
-        return Pose(told.location[0], told.location[1], told.orientation[2])
+        return told.location[0], told.location[1], told.orientation[2]
 
     def odometry(self, *, seen: bool = False) -> Pose | None:
         """Where its wheels say that it is, as seen from its start; else as `truth`."""
@@ -127,7 +128,7 @@ class Controller:
         if line is None:
             return None
         told = _one(line, Odometry)
-        return Pose(told.x, told.y, told.theta)
+        return told.x, told.y, told.theta
 
     def _line(self, kind: str, *, seen: bool) -> bytes | None:
         lines = self._lines.get(kind, [])

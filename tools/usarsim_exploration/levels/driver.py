@@ -11,7 +11,8 @@ from collections import deque
 
 import numpy as np
 
-from usarsim_exploration.levels.laser import Floats, Pose
+from usarsim_exploration.localisation.poses import Pose, wrap
+from usarsim_exploration.localisation.surfaces import Floats
 
 LENGTH, WIDTH = 0.32, 0.31
 """Half the length and width of a robot with some room, m."""
@@ -54,7 +55,7 @@ class Driver:
         self._facing = 0.0
         self._ends = self._idle = True
         self._past: deque[Pose] = deque(maxlen=max(2, round(_PATIENCE / period)))
-        self._retreat = 0.0
+        self._retreat = self._waited = 0.0
         self._tries, self._began = 0, (0.0, 0.0)
         self.arrived = True
         self.blocked = False
@@ -68,8 +69,8 @@ class Driver:
     def follow(self, route: list[tuple[float, float]], facing: float, *, ends: bool) -> None:
         """Take a new route, m; facing: rad at its end; ends: it leads to where the robot shall."""
         self._route, self._facing, self._ends = route, facing, ends
-        self._idle = self.arrived = False
-        self.blocked = not route and not ends
+        self._idle = self.arrived = self.blocked = False
+        self._waited = self._waited if not route and not ends else 0.0
 
     def rest(self) -> None:
         """There is nowhere to go."""
@@ -96,20 +97,20 @@ class Driver:
             return speed, turn
         self._past.append(pose)
         first = self._past[0]
-        away = math.hypot(pose.x - first.x, pose.y - first.y)
-        turned = abs(wrapped(pose.heading - first.heading))
+        away = math.dist(pose[:2], first[:2])
+        turned = abs(wrap(pose[2] - first[2]))
         if away < 0.04 and turned < 0.1 and len(self._past) > 2:
             self.stuck += self._period
             waited = len(self._past) == self._past.maxlen
             if waited and (not crowd or self.stuck % (2.0 * (1 + 1 / self._number)) < self._period):
                 self._back_off(pose)
-        if self._tries and math.dist(self._began, (pose.x, pose.y)) > _AFRESH:
+        if self._tries and math.dist(self._began, pose[:2]) > _AFRESH:
             self._tries = 0
         return speed, turn
 
     def _back_off(self, pose: Pose) -> None:
         if not self._tries:
-            self._began = pose.x, pose.y
+            self._began = pose[:2]
         self._tries += 1
         self.recoveries += 1
         self._retreat = 1.2 + 0.4 * (self._tries - 1)
@@ -120,21 +121,22 @@ class Driver:
     def _pursue(self, pose: Pose, points: Floats) -> tuple[float, float]:
         if self._idle:
             return 0.0, 0.0
-        while self._route and math.dist(self._route[0], (pose.x, pose.y)) < _LOOKAHEAD:
+        while self._route and math.dist(self._route[0], pose[:2]) < _LOOKAHEAD:
             if len(self._route) == 1:
                 break
             self._route.pop(0)
         if self._route:
             x, y = self._route[0]
-            left = math.hypot(x - pose.x, y - pose.y)
+            left = math.hypot(x - pose[0], y - pose[1])
             if len(self._route) == 1 and left < _NEAR:
                 self._route = []
             else:
-                return self._towards(pose, math.atan2(y - pose.y, x - pose.x), left, points)
-        if not self._ends:
-            self.arrived = not self.blocked
+                return self._towards(pose, math.atan2(y - pose[1], x - pose[0]), left, points)
+        if not self._ends:  # somebody is in the way, or something that is on no map
+            self._waited += self._period
+            self.blocked = self.blocked or self._waited > _PATIENCE
             return 0.0, 0.0
-        beside = wrapped(self._facing - pose.heading)
+        beside = wrap(self._facing - pose[2])
         if abs(beside) > _FACING:
             return 0.0, float(np.clip(2.0 * beside, -_TURN, _TURN))
         self.arrived = True
@@ -143,7 +145,7 @@ class Driver:
     def _towards(
         self, pose: Pose, direction: float, left: float, points: Floats
     ) -> tuple[float, float]:
-        beside = wrapped(direction - pose.heading)
+        beside = wrap(direction - pose[2])
         turn = float(np.clip(2.2 * beside, -_TURN, _TURN))
         if abs(beside) > _SHARP:
             return 0.0, turn
@@ -161,8 +163,3 @@ def _room(points: Floats) -> float:
     """m straight ahead of the bumper until something is in the way."""
     ahead = points[(points[:, 0] > 0.0) & (np.abs(points[:, 1]) < WIDTH), 0]
     return max(float(ahead.min()) - LENGTH, 0.0) if len(ahead) else math.inf
-
-
-def wrapped(angle: float) -> float:
-    """The same direction in [-pi, pi)."""
-    return (angle + math.pi) % math.tau - math.pi

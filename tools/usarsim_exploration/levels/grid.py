@@ -31,8 +31,8 @@ class Level(Protocol):
     def links(self, cycle: Cycle) -> Links:
         """Who hears whom now."""
 
-    def facts(self) -> dict[str, object]:
-        """What the level knows beside, at the end of a run."""
+    def reality(self, cycle: Cycle) -> dict[str, float | None]:
+        """Measures that only robots of a server have; nothing on the grid."""
 
     def close(self) -> float:
         """End it; processor s that others have used for it."""
@@ -64,7 +64,7 @@ class GridLevel:
         ]
         return find_links(cycle.radio, cycle.environment, cells, ranges, cycle.step)
 
-    def facts(self) -> dict[str, object]:
+    def reality(self, cycle: Cycle) -> dict[str, float | None]:
         """Nothing."""
         return {}
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
+from usarsim_exploration.localisation import Mode
 from usarsim_server.fields import field
-
-Localisation = Literal["truth", "odometry"]
 
 
 @dataclass(frozen=True)
@@ -25,9 +23,10 @@ class Physics:
         default=0.2, low=0.02, high=1.0, unit="s",
         help="simulated time between two commands to the wheels; the tick of the server",
     )  # fmt: skip
-    localisation: Localisation = field(
-        default="truth",
-        help="where robots know from where they are: the sensor GroundTruth, or their wheels alone",
+    localisation: Mode = field(
+        default="scan-matching",
+        help="where robots know from where they are: from wheels and scans, from their wheels "
+        "alone, or from the sensor GroundTruth",
     )
 
     @property

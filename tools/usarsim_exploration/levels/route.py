@@ -18,8 +18,8 @@ AHEAD = 60
 """Cells of the path that are looked at."""
 MARGIN = 20
 """Cells around these."""
-SNAP = 6
-"""Cells from the end of the path within which a robot that gets no nearer has arrived."""
+SNAP = 8
+"""Cells from a path within which a robot that gets no nearer may stay: another one fits between."""
 _COMFORT = 7.0
 """Cells to a wall beyond which more is no better."""
 _LEAVE = 6
@@ -32,14 +32,15 @@ def route(
     path: Sequence[Cell],
     width: float,
     seen: NDArray[np.int64],
-    base: Cell,
+    snap: int = SNAP,
 ) -> tuple[Path, bool]:
     """Cells to drive over, as far along a path as the robot fits.
 
     Args:
         bits: of its map. start: where it is. path: of its strategy, not empty.
         width: cells to the middle of a wall's cell that it needs at least.
-        seen: (n, 2) further cells where something is. base: nobody takes that for a wall.
+        seen: (n, 2) further cells where something is.
+        snap: cells from the end within which a robot that gets no nearer has arrived.
 
     Returns:
         The cells, without the start; and whether they lead to the end of the path, or as near as
@@ -74,9 +75,9 @@ def route(
     prices[(narrow & ~near) | (solid & (away < 0.5))] = 0
     prices[row, column] = max(prices[row, column], 1)
     costs, came = cheapest(prices, column, row)
-    target, ends = _target(costs, narrow, local[1:], whole=len(path) <= AHEAD)
+    target, ends = _target(costs, narrow, local[1:], snap if len(path) <= AHEAD else 0)
     if target is None:
-        return [], ends
+        return [], False
     found = []
     flat, here = came.reshape(-1), target[1] * part.shape[1] + target[0]
     while flat[here] >= 0:
@@ -86,19 +87,26 @@ def route(
 
 
 def _target(
-    costs: NDArray[np.int64], narrow: NDArray[np.bool_], path: NDArray[np.int64], *, whole: bool
+    costs: NDArray[np.int64], narrow: NDArray[np.bool_], path: NDArray[np.int64], snap: int
 ) -> tuple[Cell | None, bool]:
-    """The farthest cell of the path that can be reached, or one near it; and whether at its end."""
+    """The farthest cell of a path that can be reached, or one near it; and whether at its end.
+
+    Args:
+        snap: see `route`; 0: the path goes on after these cells.
+    """
     open_ = (costs < FAR) & ~narrow
     rows, columns = np.nonzero(open_)
-    for index in range(len(path) - 1, -1, -1):
-        column, row = path[index]
+    if not len(rows):
+        return None, False
+    last = len(path) - 1
+    for index in range(last, -1, -1):
+        column, row = path[index].tolist()
         if open_[row, column]:
-            return (int(column), int(row)), whole and index == len(path) - 1
-        if index in (len(path) - 1, 0) or index % SNAP == 0:
+            return (column, row), bool(snap) and index == last
+        if index in (last, 0) or index % SNAP == 0:
             away = (rows - row) ** 2 + (columns - column) ** 2
-            if len(away) and away.min() <= SNAP**2:
-                best = int(np.argmin(away))
-                at_end = whole and index >= len(path) - 1
-                return (int(columns[best]), int(rows[best])), at_end
+            best = int(np.argmin(away))
+            reach = snap if index == last and snap else SNAP
+            if away[best] <= reach**2:
+                return (int(columns[best]), int(rows[best])), bool(snap) and index == last
     return None, False

@@ -11,22 +11,25 @@ import math
 import re
 import socket
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.errors import ExplorationError
-from usarsim_exploration.known_map import FREE, SAFE, WALL
+from usarsim_exploration.known_map import FREE, KNOWN, SAFE, WALL
 from usarsim_exploration.levels.air import Air
 from usarsim_exploration.levels.controller import Controller, DeadError
-from usarsim_exploration.levels.driver import Driver, wrapped
-from usarsim_exploration.levels.laser import Disc, Pose, hits, rasterise
+from usarsim_exploration.levels.driver import Driver
+from usarsim_exploration.levels.laser import points, scanner
 from usarsim_exploration.levels.physics import Physics
-from usarsim_exploration.levels.route import route
+from usarsim_exploration.levels.route import SNAP, route
 from usarsim_exploration.levels.serving import OwnServer, cutoff
 from usarsim_exploration.levels.wire import decode, encode
+from usarsim_exploration.localisation import Disc, Localiser, Pose, rasterise
+from usarsim_exploration.localisation.poses import wrap
+from usarsim_exploration.measures.reality import Ways, of_map
 from usarsim_exploration.post import Message
 from usarsim_exploration.radio import Links, Radio
 from usarsim_exploration.walking import line
@@ -51,6 +54,10 @@ _BODY = 0.3
 """m around the middle of a robot that others do not drive over."""
 _SEES = 3.0
 """m within which a laser point that is on no map keeps robots away."""
+_UNDER = 0.25
+"""m around the middle of a robot that are free, since it stands there."""
+_CROWD = 1.5
+"""m to another robot within which one waits with patience."""
 _TURNED = 0.2
 """rad after which a robot takes in a scan though it has not moved by a cell."""
 
@@ -67,13 +74,18 @@ class Place:
 
 @dataclass(slots=True)
 class _Rover:
-    """A robot in the world. pose, scanned: where it believes to be,
-    and to have been at its newest scan. taken: pose of the scan that it took in last."""
+    """A robot in the world.
+
+    Attributes:
+        pose, scanned: where it believes to be, and to have been at its newest scan. taken: pose of
+            the scan that it took in last. visited: cells of this step. others: where it believes
+            the base and other robots to be.
+    """
 
     body: Body
     controller: Controller
     driver: Driver
-    start: Pose
+    localiser: Localiser
     pose: Pose
     scanned: Pose
     taken: Pose | None = None
@@ -116,6 +128,7 @@ class ServerLevel:
         self._rovers: list[_Rover] = []
         self.time = self._begun = 0.0
         self.lost: list[str] = []
+        self._ways = Ways()
         try:
             for number, member in enumerate(self._team):
                 kind = STATION if number == 0 else physics.robot
@@ -139,23 +152,36 @@ class ServerLevel:
 
     def look(self, cycle: Cycle) -> None:
         """The first scans: the world goes on until all robots have seen something."""
-        for body, one in zip(cycle.bodies[1:], self.controllers[1:], strict=True):
-            x, y = self._middle(body.view.cell)
-            start = Pose(x, y, body.member.heading)
+        robots = self.controllers[1:]
+        for _ in range(math.ceil(_FIRST / self._physics.control)):
+            try:
+                for one in self.controllers:
+                    one.release(drive=False)
+                for one in self.controllers:
+                    one.collect()
+            except DeadError as error:
+                raise self._gone(error) from error
+            self.time += self._physics.control
+            if all(len(one.ranges) for one in robots):
+                break
+        size = self._shape[1] * self._cell, self._tall
+        for body, one in zip(cycle.bodies[1:], robots, strict=True):
+            if not len(one.ranges):
+                cure = f"{self._physics.robot} needs a RangeScanner"
+                raise ExplorationError(f"{one.name} has no laser scan ({cure})")
+            start = (*self._middle(body.view.cell), body.member.heading)
             top = body.member.speed * self._cell / self._physics.seconds
             driver = Driver(body.view.number, top, self._physics.control)
-            self._rovers.append(_Rover(body, one, driver, start, start, start))
-        for _ in range(math.ceil(_FIRST / self._physics.control)):
-            self._tick(cycle, drive=False)
-            if all(len(one.ranges) for one in self.controllers[1:]):
-                break
+            if math.isfinite(one.top):
+                driver.limit(one.top)
+            reach = body.member.reach * self._cell
+            mode, mount = self._physics.localisation, (one.mount, 0.0, 0.0)
+            localiser = Localiser(mode, start, size, reach, mount)
+            self._rovers.append(_Rover(body, one, driver, localiser, start, start))
+        self._begun = self.time
         for rover in self._rovers:
-            if not len(rover.controller.ranges):
-                cure = f"{self._physics.robot} needs a RangeScanner"
-                raise ExplorationError(f"{rover.controller.name} has no laser scan ({cure})")
-            if math.isfinite(rover.controller.top):
-                rover.driver.limit(rover.controller.top)
             rover.others = self._discs(cycle, rover)
+            self._locate(rover)
             self._take_in(cycle, rover)
 
     def move(self, cycle: Cycle) -> None:
@@ -183,13 +209,14 @@ class ServerLevel:
         assert self._air is not None
         return decode(self._air.carry(message.giver, message.taker, encode(message)))
 
-    def facts(self) -> dict[str, object]:
-        """What only physics knows."""
-        return {
-            "simulated_s": round(self.time, 3),
-            "stuck_s": round(sum(one.driver.stuck for one in self._rovers), 3),
-            "recoveries": sum(one.driver.recoveries for one in self._rovers),
+    def reality(self, cycle: Cycle) -> dict[str, float | None]:
+        """The measures that only robots of a server have."""
+        drivers = [one.driver for one in self._rovers]
+        told = {
+            "stuck_s": sum(one.stuck for one in drivers),
+            "recoveries": float(sum(one.recoveries for one in drivers)),
         }
+        return of_map(cycle.bodies[0].view, cycle.environment) | self._ways.facts() | told
 
     def close(self) -> float:
         """Everybody leaves the world; processor s of the server, if it is our own."""
@@ -209,20 +236,22 @@ class ServerLevel:
         if not view.path:
             rover.driver.rest()
             return
-        seen = [np.array([self._at(one.x, one.y)]) + _round(_BODY / self._cell)
-                for one in rover.others[1:]]  # fmt: skip
-        near = rover.controller.ranges < _SEES
-        points = hits(rover.scanned, rover.controller.mount, rover.controller.ranges[near] + 0.03,
-                      rover.controller.angles[near])  # fmt: skip
-        seen.append(np.floor(points / self._cell).astype(np.int64))
-        here = self._at(rover.pose.x, rover.pose.y)
+        one, body = rover.controller, disc_cells(_BODY / self._cell)
+        seen = [np.array(self._at(disc)) + body for disc in rover.others[1:]]
+        near = one.ranges < _SEES
+        ends = points(one.ranges[near] + 0.03, one.angles[near], scanner(rover.scanned, one.mount))
+        seen.append(np.floor(ends / self._cell).astype(np.int64))
+        here = self._at(rover.pose)
+        snap = SNAP
+        if view.path[-1] == view.base:  # all come home, and stand around it
+            snap = round((1.0 + 0.15 * len(self._rovers)) / self._cell)
         width = _WIDTH * 0.1 / self._cell
-        way, ends = route(view.known.bits, here, view.path, width, np.concatenate(seen), view.base)
+        way, whole = route(view.known.bits, here, view.path, width, np.concatenate(seen), snap)
         end = self._middle(view.path[-1])
-        last = self._middle(view.path[-6]) if len(view.path) > 5 else (rover.pose.x, rover.pose.y)
+        last = self._middle(view.path[-6]) if len(view.path) > 5 else rover.pose[:2]
         far = math.dist(end, last) > self._cell
-        facing = math.atan2(end[1] - last[1], end[0] - last[0]) if far else rover.pose.heading
-        rover.driver.follow([self._middle(one) for one in way], facing, ends=ends)
+        facing = math.atan2(end[1] - last[1], end[0] - last[0]) if far else rover.pose[2]
+        rover.driver.follow([self._middle(one) for one in way], facing, ends=whole)
 
     def _tick(self, cycle: Cycle, *, drive: bool = True) -> None:
         """One tick of the world: commands, then readings, then scans into maps."""
@@ -247,65 +276,82 @@ class ServerLevel:
             self._locate(rover)
             if drive and rover.body.works:
                 self._watch(cycle, rover)
+        self._judge([one for one in present if one.controller.name not in self.lost])
         self.time += self._physics.control
 
-    def _steer(self, rover: _Rover) -> tuple[float, float]:
+    @staticmethod
+    def _steer(rover: _Rover) -> tuple[float, float]:
         one = rover.controller
-        points = np.stack([one.mount + one.ranges * np.cos(one.angles),
-                           one.ranges * np.sin(one.angles)], axis=1)  # fmt: skip
-        here = rover.pose.x, rover.pose.y
-        crowd = any(math.dist((disc.x, disc.y), here) < 1.5 for disc in rover.others)
-        return rover.driver.steer(rover.pose, points, crowd)
+        seen = points(one.ranges, one.angles, (one.mount, 0.0, 0.0))
+        crowd = any(math.dist(disc[:2], rover.pose[:2]) < _CROWD for disc in rover.others)
+        return rover.driver.steer(rover.pose, seen, crowd)
 
     def _locate(self, rover: _Rover) -> None:
-        """Where the robot believes to be now, and where it was when it scanned."""
-        here = self._believed(rover, seen=False)
-        rover.pose = here or rover.pose
-        if rover.controller.fresh:
-            rover.scanned = self._believed(rover, seen=True) or rover.pose
+        """Where the robot believes to be now, and to have been when it scanned."""
+        one, localiser = rover.controller, rover.localiser
+        if one.fresh and (then := self._told(one, seen=True)) is not None:
+            discs = self._grown(rover)
+            rover.scanned = localiser.update(then, one.ranges, one.angles, discs)
+        if (now := self._told(one)) is not None:
+            rover.pose = localiser.update(now)
 
-    def _believed(self, rover: _Rover, *, seen: bool) -> Pose | None:
-        if self._physics.localisation == "truth":
-            told = rover.controller.truth(seen=seen)
-            return told and Pose(told.x, told.y + self._tall, told.heading)
-        wheels = rover.controller.odometry(seen=seen)
-        if wheels is None:
-            return None
-        x, y = rover.start.ahead(wheels.x)
-        turned = rover.start.heading
-        x, y = x - wheels.y * math.sin(turned), y + wheels.y * math.cos(turned)
-        return Pose(x, y, turned + wheels.heading)
+    def _told(self, one: Controller, *, seen: bool = False) -> Pose | None:
+        """What a robot goes by, now or at its newest scan."""
+        if self._physics.localisation != "truth":
+            return one.odometry(seen=seen)
+        return self._true(one, seen=seen)
+
+    def _true(self, one: Controller, *, seen: bool = False) -> Pose | None:
+        told = one.truth(seen=seen)
+        return told and (told[0], told[1] + self._tall, told[2])
+
+    def _judge(self, present: list[_Rover]) -> None:
+        """Note where robots truly are, for measures; they do not learn of it."""
+        poses = {}
+        for rover in present:
+            true, wheels = self._true(rover.controller), rover.controller.odometry()
+            if true is not None and wheels is not None:
+                poses[rover.body.view.number] = true, rover.pose, wheels
+        self._ways.note(poses, self._physics.control)
 
     def _watch(self, cycle: Cycle, rover: _Rover) -> None:
         """Note where the robot has come, and take in what it sees from there."""
-        cell = self._at(rover.pose.x, rover.pose.y)
+        cell = self._at(rover.pose)
         if cell != rover.visited[-1]:
             rover.visited.append(cell)
         taken = rover.taken
         assert taken is not None
         seen = rover.scanned
-        moved = math.hypot(seen.x - taken.x, seen.y - taken.y)
-        turned = abs(wrapped(seen.heading - taken.heading))
+        moved, turned = math.dist(seen[:2], taken[:2]), abs(wrap(seen[2] - taken[2]))
         if rover.controller.fresh and (moved >= self._cell or turned >= _TURNED):
             rover.body.distance += moved / self._cell
             self._take_in(cycle, rover)
 
     def _take_in(self, cycle: Cycle, rover: _Rover) -> None:
-        body, one = rover.body, rover.controller
-        since = (self.time - self._begun) * rover.driver.top  # of the step, m that others drive
-        others = [replace(disc, radius=disc.radius + since) for disc in rover.others[1:]]
+        body, one, cell = rover.body, rover.controller, self._cell
         wide = np.abs(one.angles) <= body.member.view / 2 + 1e-3
         scans = rasterise(
-            rover.scanned, one.mount, one.ranges[wide], one.angles[wide], body.member.reach,
-            self._cell, self._shape, [rover.others[0], *others],
+            scanner(rover.scanned, one.mount), one.ranges[wide], one.angles[wide],
+            body.member.reach * cell, cell, self._shape, self._grown(rover),
         )  # fmt: skip
         known = body.view.known
         cycle.count(body, known.take_in(cycle.step, scans, rover.taken is not None))
         rover.taken = rover.scanned
-        column, row = self._at(rover.pose.x, rover.pose.y)
-        if known.bits[row, column] & (FREE | WALL) != FREE:  # it is there, so nothing else is
-            index = np.array([row * self._shape[1] + column])
-            known.write(cycle.step, index, np.array([FREE | SAFE], np.uint8))
+        # where it stands there is nothing else
+        around = np.array(self._at(rover.pose)) + disc_cells(_UNDER / cell)
+        rows, columns = self._shape
+        inside = ((around >= 0) & (around < (columns, rows))).all(axis=1)
+        under = np.sort(around[inside] @ (1, columns))
+        bits = known.news(under)
+        under = under[bits & (FREE | WALL) != FREE]
+        found = under[known.news(under) & KNOWN == 0]
+        known.write(cycle.step, under, np.full(len(under), FREE | SAFE, np.uint8))
+        cycle.count(body, found.astype(np.int32))
+
+    def _grown(self, rover: _Rover) -> list[Disc]:
+        """Where others may be by now, as a scan sees them."""
+        since = (self.time - self._begun) * rover.driver.top
+        return [rover.others[0], *((x, y, far + since) for x, y, far in rover.others[1:])]
 
     def _settle(self, cycle: Cycle, rover: _Rover) -> None:
         """What the strategy learns of the step: where the robot is, and what is left."""
@@ -313,7 +359,7 @@ class ServerLevel:
         visited = rover.visited
         moved = len(visited) > 1
         here = visited[-1]
-        view.heading = rover.pose.heading
+        view.heading = rover.pose[2]
         blocked = driver.blocked and bool(view.path)
         view.blocked = blocked
         if view.path and driver.arrived and not blocked:
@@ -337,11 +383,11 @@ class ServerLevel:
     def _bump(self, cycle: Cycle, rover: _Rover) -> None:
         """Something that is on no map keeps the robot from going on: it takes that for a wall."""
         view = rover.body.view
-        here = self._at(rover.pose.x, rover.pose.y)
+        here = self._at(rover.pose)
         ahead = [one for one in view.path if math.dist(one, here) >= 4.0][:1] or view.path[-1:]
         for cell in ahead:
             x, y = self._middle(cell)
-            taken = any(math.dist((x, y), (one.x, one.y)) < 1.0 for one in rover.others)
+            taken = any(math.dist((x, y), disc[:2]) < 1.0 for disc in rover.others)
             if cell != view.base and not taken and cell != here:
                 view.known.bump(cycle.step, cell)
 
@@ -350,14 +396,14 @@ class ServerLevel:
     def _discs(self, cycle: Cycle, rover: _Rover) -> list[Disc]:
         """Where this robot thinks that others and the base are, and how far they may have got."""
         view = rover.body.view
-        found = [Disc(*self._middle(view.base), 0.3)]
+        found = [(*self._middle(view.base), 0.3)]
         for one in view.teammates.values():
             if one.number == 0:
                 continue
             age = max(cycle.step - one.heard - 1, 0) if one.heard >= 0 else cycle.step
             if age < _FORGOTTEN:
                 gone = min(age * one.speed * self._cell, _FAR)
-                found.append(Disc(*self._middle(one.cell), _ROBOT + gone))
+                found.append((*self._middle(one.cell), _ROBOT + gone))
         return found
 
     def _bury(self, rover: _Rover, error: DeadError) -> None:
@@ -384,10 +430,10 @@ class ServerLevel:
         """m of the middle of a cell."""
         return (cell[0] + 0.5) * self._cell, (cell[1] + 0.5) * self._cell
 
-    def _at(self, x: float, y: float) -> Cell:
+    def _at(self, pose: Sequence[float]) -> Cell:
         """The cell of a place, m; the nearest one for what is outside."""
         rows, columns = self._shape
-        column, row = int(x / self._cell), int(y / self._cell)
+        column, row = int(pose[0] / self._cell), int(pose[1] / self._cell)
         return min(max(column, 0), columns - 1), min(max(row, 0), rows - 1)
 
 
@@ -396,7 +442,7 @@ def wire_name(name: str) -> str:
     return re.sub(r"\W", "_", name, flags=re.ASCII)[:64]
 
 
-def _round(radius: float) -> np.ndarray:
+def disc_cells(radius: float) -> np.ndarray:
     """(n, 2) cells of a disc around one."""
     reach = int(radius)
     columns, rows = np.meshgrid(range(-reach, reach + 1), range(-reach, reach + 1))
