@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -73,6 +73,7 @@ class Body:
     first: int = 0
     base_step: int = 0
     works: bool = True
+    asleep: bool = False
     silent: bool = False
     state: str = "start"
     goal: Cell | None = None
@@ -188,11 +189,13 @@ def set_up(
     *,
     links_before: bool = False,
     level: Level | None = None,
+    late: Collection[int] = (),
 ) -> Cycle:
     """A run at its start.
 
     Args:
         strategy: a pattern, which each robot gets a copy of. level: default the grid.
+        late: numbers of robots that stand switched off at first.
     """
     seeds = np.random.SeedSequence(seed).spawn(2 * len(team) + 1)
     thinking, losing, noise = seeds[: len(team)], seeds[len(team)], seeds[len(team) + 1 :]
@@ -217,7 +220,8 @@ def set_up(
             scanner = scanners[key]
         mind = copy.deepcopy(strategy) if number != BASE else None
         random = np.random.Generator(np.random.PCG64(noise[number]))
-        bodies.append(Body(member, view, mind, scanner, random))
+        off = number in late
+        bodies.append(Body(member, view, mind, scanner, random, works=not off, asleep=off))
     lost = np.random.Generator(np.random.PCG64(losing))
     level = level or GridLevel()
     messages = Exchange(radio, len(team), lost, level.carry)

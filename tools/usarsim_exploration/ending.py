@@ -39,9 +39,10 @@ class End:
         if self.base is not None and 100 * recorder.free_base >= self.base * goal:
             return "base knows"
         working = [one for one in cycle.bodies if one.works and one is not cycle.bodies[BASE]]
-        if not working:
+        asleep = any(one.asleep for one in cycle.bodies)
+        if not working and not asleep:
             return "all lost"
-        if self.home and all(_is_home(one) for one in working):
+        if self.home and not asleep and all(_is_home(one) for one in working):
             return "all home"
         return "steps" if cycle.step >= self.steps else None
 

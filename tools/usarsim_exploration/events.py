@@ -1,4 +1,4 @@
-"""What happens to a run from outside: robots fail, batteries run down, doors close and open.
+"""What happens to a run from outside: robots fail or come late, radios are out, doors close.
 
 Events of `[[event]]` come between two steps, before the robots decide. Robots are not told; they
 find out by their scanners, by a move that is blocked, or by silence (reference 16).
@@ -24,11 +24,16 @@ class Event:
     """
 
     step: int = field(low=1, high=1_000_000, help="before which it happens")
-    kind: Literal["loss", "battery", "close", "open"] = field(
-        help="a robot fails, with its radio; a robot has so much left to drive, then fails; walls "
-        "appear in a rectangle; walls vanish from one"
+    kind: Literal["loss", "battery", "join", "outage", "close", "open"] = field(
+        help="a robot fails, with its radio; a robot has so much left to drive, then fails; a "
+        "robot is switched on; a radio is out; walls appear in a rectangle; walls vanish from one"
     )
-    robot: str = field(default="", help="name, of loss and battery")
+    robot: str = field(
+        default="", help="name, of loss, battery, join and outage; outage without: all radios"
+    )
+    steps: int = field(
+        default=0, low=0, high=1_000_000, shown="to the end", help="how long, of outage"
+    )
     distance: float = field(
         default=0.0, low=0.0, high=1e9, unit="cells", help="left to drive, of battery"
     )
@@ -42,7 +47,7 @@ class Event:
     @property
     def text(self) -> str:
         """In a few words, for results."""
-        where = self.robot or " ".join(map(str, self.cells or ()))
+        where = self.robot or " ".join(map(str, self.cells or ())) or "of all"
         return f"{self.kind} {where}"
 
 
@@ -58,9 +63,13 @@ def read_events(table: Table, names: list[str], environment: Environment) -> tup
     found = []
     for inner in table.tables("event"):
         event = inner.read(Event)
-        if event.kind in ("loss", "battery"):
-            name = inner.choice("robot", names[1:])
-            event = inner.read(Event, number=names.index(name))
+        if event.steps and event.kind != "outage":
+            raise inner.error("steps", f"means nothing to {event.kind}", "remove it")
+        if event.kind in ("loss", "battery", "join", "outage"):
+            number = 0
+            if event.robot or event.kind != "outage":
+                number = names.index(inner.choice("robot", names[1:]))
+            event = inner.read(Event, number=number)
             if event.cells is not None:
                 raise inner.error("cells", f"means nothing to {event.kind}", "remove it")
         else:
@@ -85,6 +94,11 @@ def change(environment: Environment, event: Event) -> None:
     environment.walls[top : bottom + 1, left : right + 1] = event.kind == "close"
 
 
+def late(events: tuple[Event, ...]) -> frozenset[int]:
+    """Numbers of robots that are switched on only by an event."""
+    return frozenset(one.number for one in events if one.kind == "join")
+
+
 class Fate:
     """Lets the events of a run happen."""
 
@@ -93,16 +107,26 @@ class Fate:
         self._events = events
         self._next = 0
         self._batteries: dict[int, float] = {}
+        self._outages: list[tuple[int, Event]] = []  # step from which on it is over
 
     def strike(self, cycle: Cycle) -> list[str]:
         """Let happen what is due before the next step; what that was, in words."""
         told = []
+        for until, event in self._outages:
+            if until == cycle.step + 1:
+                told.append(f"end of {event.text}")
+        self._outages = [one for one in self._outages if one[0] != cycle.step + 1]
         while self._next < len(self._events) and self._events[self._next].step <= cycle.step + 1:
             event = self._events[self._next]
             self._next += 1
             told.append(event.text)
             if event.kind == "loss":
                 cycle.bodies[event.number].works = False
+            elif event.kind == "join":
+                body = cycle.bodies[event.number]
+                body.works, body.asleep = True, False
+            elif event.kind == "outage":
+                self._outages.append((event.step + event.steps if event.steps else -1, event))
             elif event.kind == "battery":
                 left = cycle.bodies[event.number].distance + event.distance
                 self._batteries[event.number] = left
@@ -113,6 +137,9 @@ class Fate:
             if body.works and body.distance >= last:
                 body.works = False
                 told.append(f"empty {body.member.name}")
+        out = {event.number for _, event in self._outages}
+        for number, body in enumerate(cycle.bodies):
+            body.silent = number in out or 0 in out  # 0: all
         return told
 
     @staticmethod

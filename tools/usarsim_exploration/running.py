@@ -11,7 +11,7 @@ from typing import Self
 
 from usarsim_exploration.cycle import Cycle, set_up
 from usarsim_exploration.ending import Reason
-from usarsim_exploration.events import Fate
+from usarsim_exploration.events import Fate, late
 from usarsim_exploration.history import History, Recorder
 from usarsim_exploration.levels.grid import GridLevel, Level
 from usarsim_exploration.scenario import Scenario
@@ -87,6 +87,7 @@ class Run:
             one.basics.seed,
             links_before=one.basics.links == "before",
             level=self._level,
+            late=late(one.events),
         )
         self.cycle.begin = self._begin
         self.recorder = Recorder(self.cycle)

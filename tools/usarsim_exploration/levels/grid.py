@@ -46,7 +46,8 @@ class GridLevel:
     def look(self, cycle: Cycle) -> None:
         """The first scans."""
         for body in cycle.bodies:
-            self._scan(cycle, body, [body.view.cell], [body.view.heading], False)
+            if body.works:
+                self._scan(cycle, body, [body.view.cell], [body.view.heading], False)
 
     def move(self, cycle: Cycle) -> None:
         """Each robot drives as far as its speed allows, and scans at every cell."""

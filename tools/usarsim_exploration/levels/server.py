@@ -182,13 +182,16 @@ class ServerLevel:
         for rover in self._rovers:
             rover.others = self._discs(cycle, rover)
             self._locate(rover)
-            self._take_in(cycle, rover)
+            if rover.body.works:
+                self._take_in(cycle, rover)
 
     def move(self, cycle: Cycle) -> None:
         """All decide, then all drive for a step."""
         acting = set(map(id, cycle.acting()))
         moving = [one for one in self._rovers if id(one.body) in acting]
         for rover in moving:
+            if rover.taken is None:  # switched on just now
+                self._take_in(cycle, rover)
             cycle.decide(rover.body)
             self._set_out(cycle, rover)
         self._begun = self.time
