@@ -28,7 +28,11 @@ Road = tuple[int, int]
 
 
 class Air:
-    """All radios of a team. Attributes: sent: bytes of each radio so far, lengths included."""
+    """All radios of a team.
+
+    Attributes:
+        sent: bytes of each radio so far, lengths included. ports: that led from one to another.
+    """
 
     def __init__(self, host: str, port: int, names: Sequence[str], cutoff: float) -> None:
         """Register everybody; they have to be in the world.
@@ -43,6 +47,7 @@ class Air:
         self._roads: dict[Road, tuple[socket.socket, socket.socket]] = {}
         self._talks: list[BlockingConnection] = []
         self._ears: list[socket.socket] = []
+        self.ports: set[int] = set()
         self.sent: NDArray[np.int64] = np.zeros(len(names), np.int64)
         try:
             for name in names:
@@ -101,6 +106,7 @@ class Air:
             port = answer.numbers("Port")[0]
             if not port > 0:
                 raise OSError(str(answer))
+            self.ports.add(int(port))
             out = socket.create_connection((self._host, int(port)), _PATIENCE)
             try:
                 out.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

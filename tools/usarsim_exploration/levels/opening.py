@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from usarsim_exploration.errors import ExplorationError
-from usarsim_exploration.levels.server import Place, ServerLevel
+from usarsim_exploration.levels.rover import Place
+from usarsim_exploration.levels.server import ServerLevel
 from usarsim_exploration.levels.serving import OwnServer
 from usarsim_exploration.scenario import Scenario
 from usarsim_server.errors import at

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import math
-import re
 import socket
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,7 +23,8 @@ from usarsim_exploration.levels.driver import Driver
 from usarsim_exploration.levels.laser import points, scanner
 from usarsim_exploration.levels.physics import Physics
 from usarsim_exploration.levels.route import SNAP, route
-from usarsim_exploration.levels.serving import OwnServer, cutoff
+from usarsim_exploration.levels.rover import Place, Rover, disc_cells, wire_name
+from usarsim_exploration.levels.serving import cutoff
 from usarsim_exploration.levels.wire import decode, encode
 from usarsim_exploration.localisation import Disc, Localiser, Pose, rasterise
 from usarsim_exploration.localisation.poses import wrap
@@ -35,7 +34,7 @@ from usarsim_exploration.radio import Links, Radio
 from usarsim_exploration.walking import line
 
 if TYPE_CHECKING:
-    from usarsim_exploration.cycle import Body, Cycle, Member
+    from usarsim_exploration.cycle import Cycle, Member
 
 STATION = "ComStation"
 """Class of the base."""
@@ -62,42 +61,12 @@ _TURNED = 0.2
 """rad after which a robot takes in a scan though it has not moved by a cell."""
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Where a server is. control, wireless: ports. own: it was started for this run."""
-
-    host: str = "127.0.0.1"
-    control: int = 3000
-    wireless: int = 50000
-    own: OwnServer | None = None
-
-
-@dataclass(slots=True)
-class _Rover:
-    """A robot in the world.
-
-    Attributes:
-        pose, scanned: where it believes to be, and to have been at its newest scan. taken: pose of
-            the scan that it took in last. visited: cells of this step. others: where it believes
-            the base and other robots to be.
-    """
-
-    body: Body
-    controller: Controller
-    driver: Driver
-    localiser: Localiser
-    pose: Pose
-    scanned: Pose
-    taken: Pose | None = None
-    visited: list[Cell] = field(default_factory=list)
-    others: list[Disc] = field(default_factory=list)
-
-
 class ServerLevel:
     """Drives robots of a server.
 
     Attributes:
-        time: simulated s so far. lost: names of robots that have left the world.
+        place: where the server is. time: simulated s so far.
+        lost: names of robots that have left the world.
     """
 
     def __init__(
@@ -120,12 +89,12 @@ class ServerLevel:
         """
         self._physics, self._cell, self._shape = physics, cell, shape
         host, control = place.host, place.control
-        self._address, self._own = (host, control), place.own
+        self.place, self._address = place, (host, control)
         self._tall = shape[0] * cell
         self._team = tuple(team)
         self._air: Air | None = None
         self.controllers: list[Controller] = []
-        self._rovers: list[_Rover] = []
+        self._rovers: list[Rover] = []
         self.time = self._begun = 0.0
         self.lost: list[str] = []
         self._ways = Ways()
@@ -177,7 +146,7 @@ class ServerLevel:
             reach = body.member.reach * self._cell
             mode, mount = self._physics.localisation, (one.mount, 0.0, 0.0)
             localiser = Localiser(mode, start, size, reach, mount)
-            self._rovers.append(_Rover(body, one, driver, localiser, start, start))
+            self._rovers.append(Rover(body, one, driver, localiser, start, start))
         self._begun = self.time
         for rover in self._rovers:
             rover.others = self._discs(cycle, rover)
@@ -221,17 +190,22 @@ class ServerLevel:
         }
         return of_map(cycle.bodies[0].view, cycle.environment) | self._ways.facts() | told
 
+    @property
+    def roads(self) -> set[int]:
+        """Ports of the wireless server that led from one robot to another."""
+        return self._air.ports if self._air is not None else set()
+
     def close(self) -> float:
         """Everybody leaves the world; processor s of the server, if it is our own."""
         if self._air is not None:
             self._air.close()
         for one in self.controllers:
             one.close()
-        return self._own.close() if self._own is not None else 0.0
+        return self.place.own.close() if self.place.own is not None else 0.0
 
     # -- a step ---------------------------------------------------------------------------------
 
-    def _set_out(self, cycle: Cycle, rover: _Rover) -> None:
+    def _set_out(self, cycle: Cycle, rover: Rover) -> None:
         """Make the way for this step out of what is left of the strategy's path."""
         view = rover.body.view
         rover.visited = [view.cell]
@@ -283,13 +257,13 @@ class ServerLevel:
         self.time += self._physics.control
 
     @staticmethod
-    def _steer(rover: _Rover) -> tuple[float, float]:
+    def _steer(rover: Rover) -> tuple[float, float]:
         one = rover.controller
         seen = points(one.ranges, one.angles, (one.mount, 0.0, 0.0))
         crowd = any(math.dist(disc[:2], rover.pose[:2]) < _CROWD for disc in rover.others)
         return rover.driver.steer(rover.pose, seen, crowd)
 
-    def _locate(self, rover: _Rover) -> None:
+    def _locate(self, rover: Rover) -> None:
         """Where the robot believes to be now, and to have been when it scanned."""
         one, localiser = rover.controller, rover.localiser
         if one.fresh and (then := self._told(one, seen=True)) is not None:
@@ -308,7 +282,7 @@ class ServerLevel:
         told = one.truth(seen=seen)
         return told and (told[0], told[1] + self._tall, told[2])
 
-    def _judge(self, present: list[_Rover]) -> None:
+    def _judge(self, present: list[Rover]) -> None:
         """Note where robots truly are, for measures; they do not learn of it."""
         poses = {}
         for rover in present:
@@ -317,7 +291,7 @@ class ServerLevel:
                 poses[rover.body.view.number] = true, rover.pose, wheels
         self._ways.note(poses, self._physics.control)
 
-    def _watch(self, cycle: Cycle, rover: _Rover) -> None:
+    def _watch(self, cycle: Cycle, rover: Rover) -> None:
         """Note where the robot has come, and take in what it sees from there."""
         cell = self._at(rover.pose)
         if cell != rover.visited[-1]:
@@ -330,7 +304,7 @@ class ServerLevel:
             rover.body.distance += moved / self._cell
             self._take_in(cycle, rover)
 
-    def _take_in(self, cycle: Cycle, rover: _Rover) -> None:
+    def _take_in(self, cycle: Cycle, rover: Rover) -> None:
         body, one, cell = rover.body, rover.controller, self._cell
         wide = np.abs(one.angles) <= body.member.view / 2 + 1e-3
         scans = rasterise(
@@ -351,12 +325,12 @@ class ServerLevel:
         known.write(cycle.step, under, np.full(len(under), FREE | SAFE, np.uint8))
         cycle.count(body, found.astype(np.int32))
 
-    def _grown(self, rover: _Rover) -> list[Disc]:
+    def _grown(self, rover: Rover) -> list[Disc]:
         """Where others may be by now, as a scan sees them."""
         since = (self.time - self._begun) * rover.driver.top
         return [rover.others[0], *((x, y, far + since) for x, y, far in rover.others[1:])]
 
-    def _settle(self, cycle: Cycle, rover: _Rover) -> None:
+    def _settle(self, cycle: Cycle, rover: Rover) -> None:
         """What the strategy learns of the step: where the robot is, and what is left."""
         body, view, driver = rover.body, rover.body.view, rover.driver
         visited = rover.visited
@@ -383,7 +357,7 @@ class ServerLevel:
             view.cell = here
         body.moves = cells[1:] if view.cell == cells[-1] else []
 
-    def _bump(self, cycle: Cycle, rover: _Rover) -> None:
+    def _bump(self, cycle: Cycle, rover: Rover) -> None:
         """Something that is on no map keeps the robot from going on: it takes that for a wall."""
         view = rover.body.view
         here = self._at(rover.pose)
@@ -396,7 +370,7 @@ class ServerLevel:
 
     # -- others ---------------------------------------------------------------------------------
 
-    def _discs(self, cycle: Cycle, rover: _Rover) -> list[Disc]:
+    def _discs(self, cycle: Cycle, rover: Rover) -> list[Disc]:
         """Where this robot thinks that others and the base are, and how far they may have got."""
         view = rover.body.view
         found = [(*self._middle(view.base), 0.3)]
@@ -409,7 +383,7 @@ class ServerLevel:
                 found.append((*self._middle(one.cell), _ROBOT + gone))
         return found
 
-    def _bury(self, rover: _Rover, error: DeadError) -> None:
+    def _bury(self, rover: Rover, error: DeadError) -> None:
         """A robot has left the world; if the server is gone as well, that is the end.
 
         Raises:
@@ -438,16 +412,3 @@ class ServerLevel:
         rows, columns = self._shape
         column, row = int(pose[0] / self._cell), int(pose[1] / self._cell)
         return min(max(column, 0), columns - 1), min(max(row, 0), rows - 1)
-
-
-def wire_name(name: str) -> str:
-    """A name as the server takes it."""
-    return re.sub(r"\W", "_", name, flags=re.ASCII)[:64]
-
-
-def disc_cells(radius: float) -> np.ndarray:
-    """(n, 2) cells of a disc around one."""
-    reach = int(radius)
-    columns, rows = np.meshgrid(range(-reach, reach + 1), range(-reach, reach + 1))
-    inside = np.hypot(columns, rows) <= radius
-    return np.stack([columns[inside], rows[inside]], axis=1)

@@ -117,7 +117,7 @@ def wireless(radio: Radio, reach: float) -> dict[str, object]:
     """
     found: dict[str, object] = {"poll": 0.02}
     match radio:
-        case PathLoss(law=law, per_range=per_range, count="walls"):
+        case PathLoss(law=law, per_range=per_range, count="walls") if type(radio) is PathLoss:
             keys = ("cutoff", "reference_power", "path_loss_exponent", "reference_distance",
                     "wall_attenuation", "max_walls")  # fmt: skip
             found |= {"model": "path-loss"} | {key: getattr(law, key) for key in keys}
