@@ -70,17 +70,24 @@ def _meet(
 ) -> tuple[Surfaces, Names | None]:
     """What all rays meet first, at any distance, and the names (n,) of it if any fan asks."""
     normals = any(fan.normals for fan in batch.fans)
+    moving, reach = None, batch.ranges
+    if dynamic is not None and snapshot is not None:
+        moving = dynamic.cast_at_once(batch, snapshot, viewers, normals=normals)
+    if moving is not None:
+        reach = np.minimum(reach, moving.distances)
     fixed = static.cast(
         batch.origins,
         batch.directions,
         normals=normals,
         through_glass=batch.through_glass,
+        reach=reach,
     )
     names = static.names[fixed.geoms] if any(fan.identify for fan in batch.fans) else None
     if dynamic is None or snapshot is None:
         return fixed, names
-    reach = np.minimum(fixed.distances, batch.ranges)
-    moving = dynamic.cast(batch, snapshot, viewers, reach, normals=normals)
+    if moving is None:
+        reach = np.minimum(fixed.distances, reach)
+        moving = dynamic.cast(batch, snapshot, viewers, reach, normals=normals)
     if moving is not None:
         nearer = np.flatnonzero(moving.distances < fixed.distances)
         fixed.distances[nearer] = moving.distances[nearer]

@@ -4,7 +4,8 @@ The visible geoms that move as one piece are an Embree scene in the frame of the
 per shape and shared by all that look the same, in this model generation and in later ones as long
 as it is there. A ray is turned into the frame of every body whose bounding sphere it passes; so
 nothing is rebuilt when things move, and all rays at bodies of one shape, whoever sent them, are one
-call.
+call. Where Embree can hold all bodies as they stand (`instances.py`), it tells which one a ray
+meets first, so that a ray is turned once and spheres are not looked at.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from usarsim_server.simulation.mailbox import yield_interpreter
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.objects import Objects
 from usarsim_server.simulation.rays.culling import Spheres, bounding_spheres, meetings, passing
-from usarsim_server.simulation.rays.query import RayBatch
+from usarsim_server.simulation.rays.instances import PlacedBodies, placed
+from usarsim_server.simulation.rays.query import RayBatch, join
 from usarsim_server.simulation.rays.scenery import is_glass, is_visible
 from usarsim_server.simulation.rays.triangles import (
     RoundPart,
@@ -152,6 +154,9 @@ class _Moment:
     bodies, in the world, m."""
     places: Array
     centres: Array
+    robots: Numbers
+    """(t + 1,) number of the robot that each tree is, from 0 on, and -1; -1 for none."""
+    bodies: PlacedBodies | None
 
 
 class DynamicGeometry:
@@ -177,7 +182,8 @@ class DynamicGeometry:
         self._middles = np.array([one.full.centre for one in self._bodies]).reshape(-1, 3)
         self._spans = np.array([one.full.radius for one in self._bodies])
         trees = [self._tree_of_root[int(model.body_rootid[one.body])] for one in self._bodies]
-        self._count = np.bincount(np.array(trees, dtype=np.intp), minlength=len(self._roots))
+        self._trees = np.array(trees, dtype=np.intp)
+        self._count = np.bincount(self._trees, minlength=len(self._roots))
         """How many of the visible bodies each tree has, and which is the first."""
         self._first = np.cumsum(self._count) - self._count
         numbers = {id(scene): k for k, scene in enumerate(self._scenes.values())}
@@ -219,6 +225,42 @@ class DynamicGeometry:
             return None
         distances, geoms, facing = self._hits(moment, batch, rays, bodies, normals)
         return _nearest(len(batch.directions), rays, distances, geoms, facing)
+
+    def cast_at_once(
+        self,
+        batch: RayBatch,
+        snapshot: Snapshot,
+        viewers: list[int | None],
+        *,
+        normals: bool = False,
+    ) -> Surfaces | None:
+        """The same as `cast`, within the range of each ray, by one scene of all bodies.
+
+        Returns:
+            What `cast` finds, but for rays that graze an edge within some micrometres or meet two
+            bodies within `SLACK`; None where Embree cannot be asked for it.
+        """
+        moment = self._at(snapshot)
+        if moment.bodies is None:
+            return None
+        own = self._own(snapshot, moment, viewers)
+        hidden = moment.robots[own][batch.fan]
+        first = moment.bodies.first_met(batch.origins, batch.directions, batch.ranges, hidden)
+        rays = np.flatnonzero(first >= 0)
+        bodies = first[rays]
+        distances, geoms, facing = self._hits(moment, batch, rays, bodies, normals)
+        found = _nowhere(len(first), normals)
+        found.put(rays, Surfaces(distances, geoms, facing))
+        doubtful = np.isinf(distances)
+        if batch.through_glass is not None:
+            glass = self._full[bodies] != self._clear[bodies]
+            doubtful |= batch.through_glass[rays] & glass
+        for fan in np.unique(batch.fan[rays[doubtful]]).tolist():
+            alone = join([batch.fans[fan]])
+            hits = self.cast(alone, snapshot, [viewers[fan]], alone.ranges, normals=normals)
+            part = np.arange(batch.begins[fan], batch.begins[fan + 1])
+            found.put(part, hits or _nowhere(len(part), normals))
+        return found
 
     # -- what there is -----------------------------------------------------------------------
 
@@ -287,7 +329,19 @@ class DynamicGeometry:
             np.where(single[:, None], centres[first], snapshot.xpos[self._roots[trees]]),
             np.where(single, self._spans[first], self._radii[trees]),
         )
-        return _Moment(weakref.ref(snapshot), trees, spheres, turns, places, centres)
+        robots = np.append(np.where(self._is_robot[trees], np.cumsum(self._is_robot[trees]), 0), 0)
+        robots -= 1
+        there = np.flatnonzero(np.isin(self._trees, trees))
+        bodies = placed(
+            [self._bodies[body].full.embree for body in there.tolist()],
+            there,
+            np.repeat(robots[:-1], self._count[trees]),
+            turns[there],
+            places[there],
+        )
+        return _Moment(
+            weakref.ref(snapshot), trees, spheres, turns, places, centres, robots, bodies
+        )
 
     def _own(self, snapshot: Snapshot, moment: _Moment, viewers: list[int | None]) -> Numbers:
         """Place in the list of present trees of each fan's own robot, -1 for none."""
@@ -326,23 +380,46 @@ class DynamicGeometry:
         self, moment: _Moment, batch: RayBatch, rays: Numbers, bodies: Numbers, normals: bool
     ) -> tuple[Array, Numbers, Array | None]:
         """Distances (k,), geoms (k,) and world normals (k, 3) of pairs of a ray and a body."""
-        turns = moment.turns[bodies]
-        offset = batch.origins[rays] - moment.places[bodies]
-        starts = np.einsum("ki,kij->kj", offset, turns)
-        ways = np.einsum("ki,kij->kj", batch.directions[rays], turns)
         scenes = self._full[bodies]
         if batch.through_glass is not None:
             scenes = np.where(batch.through_glass[rays], self._clear[bodies], scenes)
+        order = np.argsort(scenes, kind="stable")  # one scene after the other
+        rays, bodies = rays[order], bodies[order]
+        # Column by column, which is several times as fast as by rows of three.
+        turns = moment.turns.reshape(-1, 9).T.take(bodies, axis=1).reshape(3, 3, -1)
+        offset = batch.origins.take(rays, axis=0) - moment.places.take(bodies, axis=0)
+        starts = _turned_back(turns, offset)
+        ways = _turned_back(turns, batch.directions.take(rays, axis=0))
         distances, parts = np.empty(len(rays)), np.empty(len(rays), dtype=np.intp)
         facing = np.zeros((len(rays), 3)) if normals else None
-        for scene in np.unique(scenes).tolist():
-            some = np.flatnonzero(scenes == scene)
-            hits = self._scene_list[scene].cast(starts[some], ways[some], normals=normals)
-            distances[some], parts[some] = hits.distances, hits.geoms
+        ends = np.cumsum(np.bincount(scenes, minlength=len(self._scene_list))).tolist()
+        for scene, begin, end in zip(self._scene_list, [0, *ends], ends, strict=False):
+            if begin == end:
+                continue
+            some = slice(begin, end)
+            hits = scene.cast(starts[some], ways[some], normals=normals)
+            distances[order[some]] = hits.distances
+            parts[order[some]] = np.where(
+                hits.geoms < 0, -1, hits.geoms + self._geom_begin[bodies[some]]
+            )
             if facing is not None and hits.normals is not None:
-                facing[some] = np.einsum("kij,kj->ki", turns[some], hits.normals)
-        geoms = self._geoms[np.minimum(self._geom_begin[bodies] + parts, len(self._geoms) - 1)]
-        return distances, np.where(parts >= 0, geoms, -1), facing
+                facing[order[some]] = np.einsum("ijk,kj->ki", turns[:, :, some], hits.normals)
+        return distances, np.where(parts < 0, -1, self._geoms.take(parts, mode="wrap")), facing
+
+
+def _turned_back(turns: Array, vectors: Array) -> Array:
+    """Vectors (k, 3) of the world in the frames (3, 3, k) of bodies."""
+    x, y, z = vectors.T
+    found = np.empty_like(vectors)
+    for axis, (a, b, c) in enumerate(turns.transpose(1, 0, 2)):
+        found[:, axis] = x * a + y * b + z * c
+    return found
+
+
+def _nowhere(count: int, normals: bool) -> Surfaces:
+    """What rays meet that meet nothing."""
+    missed = np.full(count, -1, dtype=np.intp)
+    return Surfaces(np.full(count, np.inf), missed, np.zeros((count, 3)) if normals else None)
 
 
 def _nearest(

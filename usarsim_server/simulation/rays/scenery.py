@@ -65,15 +65,20 @@ class StaticGeometry:
         *,
         normals: bool = False,
         through_glass: NDArray[np.bool_] | None = None,
+        reach: Array | None = None,
     ) -> Surfaces:
-        """Cast rays from (n, 3) along unit vectors (n, 3), some of them (n,) through glass."""
-        surfaces = self._full.cast(origins, directions, normals=normals)
+        """Cast rays from (n, 3) along unit vectors (n, 3), some of them (n,) through glass.
+
+        What is further away than `reach` (n,), m, may be left out.
+        """
+        surfaces = self._full.cast(origins, directions, normals=normals, reach=reach)
         if through_glass is not None and self._clear is not self._full:
             rays = np.flatnonzero(through_glass)
-            further = self._clear.cast(origins[rays], directions[rays], normals=normals)
-            surfaces.distances[rays], surfaces.geoms[rays] = further.distances, further.geoms
-            if surfaces.normals is not None and further.normals is not None:
-                surfaces.normals[rays] = further.normals
+            within = None if reach is None else reach[rays]
+            further = self._clear.cast(
+                origins[rays], directions[rays], normals=normals, reach=within
+            )
+            surfaces.put(rays, further)
         for plane in self._planes:
             _meet(plane, origins, directions, surfaces)
         return surfaces

@@ -18,11 +18,16 @@ from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.frames import Array, Numbers
+from usarsim_server.simulation.rays.instances import device, show_to_all
 
 TOLERANCE = 5e-4
 """m between a tessellated and the true surface."""
 MAX_SEGMENTS = 256
 """Of a full circle: enough for 6 m of radius, 3 m where a surface is curved both ways."""
+ROUNDED = 1e-6
+"""Part by which rays go on beyond their reach: more than single precision may cut off."""
+FAR = 1e37
+"""m at which a ray ends for Embree that has no end."""
 _ASKEW: Array = np.array([[2.0, -6.0, 3.0], [6.0, 3.0, 2.0], [-3.0, 2.0, 6.0]]) / 7.0
 """A turn of balls, by which no corner lies on an axis (see `_revolve`)."""
 _PHASE = 0.123
@@ -54,6 +59,12 @@ class Surfaces:
     geoms: Numbers
     normals: Array | None = None
 
+    def put(self, rays: Numbers, other: Surfaces) -> None:
+        """Set what some rays met."""
+        self.distances[rays], self.geoms[rays] = other.distances, other.geoms
+        if self.normals is not None and other.normals is not None:
+            self.normals[rays] = other.normals
+
 
 class TriangleScene:
     """An Embree scene of numbered parts; immutable, shared by all threads."""
@@ -78,12 +89,14 @@ class TriangleScene:
         self._rounds = dict(rounds)
         self._is_round = np.zeros(max((part for part, _ in parts), default=0) + 2, dtype=bool)
         self._is_round[list(self._rounds)] = True
-        self._scene = None
+        self.embree: rtcore_scene.EmbreeScene | None = None
+        """Embree's scene; None if there is no surface at all."""
         if len(faces):
-            self._scene = rtcore_scene.EmbreeScene()
-            TriangleMesh(self._scene, faces.astype(np.float32))
+            self.embree = rtcore_scene.EmbreeScene(device())
+            TriangleMesh(self.embree, faces.astype(np.float32))
+            show_to_all(self.embree)
             # The first ray builds the tree; let nobody wait for that later.
-            self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
+            self.embree.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
         self._normals = _normals(faces)
         corners = faces.reshape(-1, 3).T if len(faces) else np.zeros((3, 1))
         self.centre: Array = np.array([(one.min() + one.max()) / 2.0 for one in corners])
@@ -92,14 +105,28 @@ class TriangleScene:
         self.radius = math.sqrt(float((off[0] ** 2 + off[1] ** 2 + off[2] ** 2).max()))
         """Of that sphere, m."""
 
-    def cast(self, origins: Array, directions: Array, *, normals: bool = False) -> Surfaces:
-        """Cast rays from (n, 3) along unit vectors (n, 3), in the scene's frame."""
-        if self._scene is None:
+    def cast(
+        self,
+        origins: Array,
+        directions: Array,
+        *,
+        normals: bool = False,
+        reach: Array | None = None,
+    ) -> Surfaces:
+        """Cast rays from (n, 3) along unit vectors (n, 3), in the scene's frame.
+
+        What is further away than `reach` (n,), m, may be left out, which is faster.
+        """
+        if self.embree is None:
             missed = np.full(len(origins), -1, dtype=np.intp)
             return self._hits(np.full(len(origins), np.inf), missed, normals)
-        answer = self._scene.run(
+        ends = None
+        if reach is not None:
+            ends = np.minimum(reach * (1.0 + ROUNDED), FAR).astype(np.float32)
+        answer = self.embree.run(
             origins.astype(np.float32, order="C"),
             directions.astype(np.float32, order="C"),
+            dists=ends,
             output=1,
         )
         faces = answer["primID"]
