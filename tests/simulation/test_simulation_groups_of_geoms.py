@@ -11,7 +11,7 @@ from sim_fakes import RADIUS, Geom, floor, pose_at, robot_model, simulation
 
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import RobotModel
-from usarsim_server.simulation.rays.moving import RigidGroup, rigid_groups
+from usarsim_server.simulation.rays.groups import RigidGroup, rigid_groups
 from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.simulation import Simulation
 

@@ -15,7 +15,7 @@ from sim_fakes import Geom, engine_with
 
 from usarsim_server.simulation.rays import instances
 from usarsim_server.simulation.rays import moving as moving_geometry
-from usarsim_server.simulation.rays.instances import device, library, placed
+from usarsim_server.simulation.rays.instances import PlacedBodies, device, library
 from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.simulation.rays.triangles import TriangleScene
 
@@ -60,8 +60,9 @@ class TestOneScene:
             ways = things[number % len(things)] - fan.origin + 0.3 * fan.directions
             ways /= np.linalg.norm(ways, axis=1)[:, None]
             fans.append(replace(fan, directions=ways, max_range=6.0 + number % 7, **looks))
+        monkeypatch.setattr(moving_geometry, "MANY_PAIRS", 0)
         at_once = [Caster(engine).at(snapshot, *fans, robot=robot) for robot in (None, 1)]
-        monkeypatch.setattr(moving_geometry, "placed", lambda *_: None)
+        monkeypatch.setattr(moving_geometry, "library", lambda: None)
         hits = 0
         for robot, answers in zip((None, 1), at_once, strict=True):
             for one, other in zip(
@@ -79,12 +80,13 @@ class TestOneScene:
         numbers = np.arange(ROBOTS)
         places = np.stack([3.0 * numbers, np.zeros(ROBOTS), np.full(ROBOTS, 500.0)], axis=1)
         turns = np.broadcast_to(np.eye(3), (ROBOTS, 3, 3))
-        bodies = placed([box.embree] * ROBOTS, numbers + 7, numbers, turns, places)
-        assert bodies is not None
+        bodies = PlacedBodies([box.embree] * ROBOTS, numbers + 7, 2 * numbers + 3, turns, places)
         ways = np.tile([1.0, 0.0, 0.0], (ROBOTS, 1))
-        seen = bodies.first_met(places, ways, np.full(ROBOTS, 5.0), numbers)
+        seen = bodies.first_met(places, ways, np.full(ROBOTS, 5.0), 2 * numbers + 3)
         assert seen.tolist() == [*range(8, ROBOTS + 7), -1]
-        assert bodies.first_met(places, ways, np.full(ROBOTS, 1.5), numbers).max() == -1, "too far"
+        assert bodies.first_met(places, ways, np.full(ROBOTS, 1.5), 2 * numbers + 3).max() == -1, (
+            "too far"
+        )
         nobody = np.full(ROBOTS, -1)
         assert (bodies.first_met(places, ways, np.full(ROBOTS, 5.0), nobody) == numbers + 7).all()
 
@@ -92,8 +94,7 @@ class TestOneScene:
         """Nothing is placed where there is nothing to see."""
         nothing = TriangleScene([])
         one = np.zeros(1, dtype=np.intp)
-        bodies = placed([nothing.embree], one, one, np.eye(3)[None], np.zeros((1, 3)))
-        assert bodies is not None
+        bodies = PlacedBodies([nothing.embree], one, one, np.eye(3)[None], np.zeros((1, 3)))
         assert bodies.first_met(np.ones((1, 3)), np.eye(3)[:1], np.ones(1), one - 1).tolist() == [
             -1
         ]
@@ -104,8 +105,7 @@ class TestOneScene:
         monkeypatch.setattr(instances, "_release", lambda _, scenes: released.extend(scenes))
         box = TriangleScene([(0, _box())])
         one = np.zeros(1, dtype=np.intp)
-        bodies = placed([box.embree], one, one, np.eye(3)[None], np.zeros((1, 3)))
-        assert bodies is not None
+        bodies = PlacedBodies([box.embree], one, one, np.eye(3)[None], np.zeros((1, 3)))
         assert not released
         del bodies
         gc.collect()
@@ -129,7 +129,8 @@ class TestWithoutTheLibrary:
         assert library() is None
         box = TriangleScene([(0, _box())])
         one = np.zeros(1, dtype=np.intp)
-        assert placed([box.embree], one, one, np.eye(3)[None], np.zeros((1, 3))) is None
+        with pytest.raises(RuntimeError, match="Embree"):
+            PlacedBodies([box.embree], one, one, np.eye(3)[None], np.zeros((1, 3)))
         assert box.cast(np.array([[-3.0, 0, 0]]), np.eye(3)[:1]).distances.tolist() == [2.0]
 
     def test_another_layout(self, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -245,6 +245,7 @@ class TestCulling:
         model = replace(ROBOT, build=arm_robot)
         engine = engine_with(*[(2.0 * k, 0.0) for k in range(6)], model=model, scenery=yard)
         caster = Caster(engine)
+        monkeypatch.setattr(moving_geometry, "MANY_PAIRS", 0)
         hits = 0
         for _ in range(12):
             for layout in engine.snapshot().layouts.values():
@@ -260,7 +261,7 @@ class TestCulling:
             own = int(dice.integers(0, 6))
             at_once = caster.at(snapshot, *fans, robot=own)
             with monkeypatch.context() as patch:
-                patch.setattr(moving_geometry, "placed", lambda *_: None)
+                patch.setattr(moving_geometry, "library", lambda: None)
                 snapshot = engine.snapshot()
                 with_culling = caster.at(snapshot, *fans, robot=own)
                 patch.setattr(moving_geometry, "meetings", every_pair)

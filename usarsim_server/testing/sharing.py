@@ -23,7 +23,8 @@ from usarsim_server.robots import catalog
 from usarsim_server.robots.catalog import Library, RobotCatalog, RobotFile, load_catalog
 from usarsim_server.simulation import simulation
 from usarsim_server.simulation.model import CompiledWorld
-from usarsim_server.simulation.rays.moving import DynamicGeometry, RigidGroup
+from usarsim_server.simulation.rays.groups import RigidGroup
+from usarsim_server.simulation.rays.moving import DynamicGeometry
 from usarsim_server.simulation.rays.scenery import StaticGeometry
 from usarsim_server.simulation.rays.triangles import TriangleScene
 from usarsim_server.worlds.avatars.bodies import load_avatars

@@ -3,7 +3,7 @@
 Embree can place a scene in another one by a matrix, so a body's triangles are in memory once and an
 instant costs one small tree. The package `embreex` does not offer this; the library behind it does,
 and is called here directly. Where that library cannot be reached or is another one than expected,
-there is no such scene (`placed` returns None), and callers find out without it.
+there is none (`library` is None), and callers find out without it.
 
 Positions are carried into bodies in single precision here, so a distance is good to some
 micrometres and a ray that grazes an edge may be told wrongly: callers measure with the body's own
@@ -103,14 +103,24 @@ class PlacedBodies:
 
     def __init__(
         self,
-        embree: ctypes.PyDLL,
         scenes: Sequence[rtcore_scene.EmbreeScene | None],
         bodies: Numbers,
         robots: Numbers,
         turns: Array,
         places: Array,
     ) -> None:
-        """Place them; see `placed`."""
+        """Place b bodies; there must be a `library`.
+
+        Args:
+            scenes: the scene of each body in its own frame, of the `device`; None if it has no
+                surface.
+            bodies: (b,) numbers of the bodies.
+            robots: (b,) the robot that each is part of, any number from 0 on; -1 for none.
+            turns: (b, 3, 3) rotation matrices. places: (b, 3) m.
+        """
+        embree = library()
+        if embree is None:
+            raise RuntimeError("Embree cannot be asked on this machine")
         self._intersect = embree.rtcIntersect16
         self._middle = places.mean(axis=0) if len(places) else np.zeros(3)
         shifted = (places - self._middle)[:, None]
@@ -118,21 +128,24 @@ class PlacedBodies:
         columns = columns.astype(np.float32, order="C")
         address = columns.ctypes.data
         owner = _handle(device())
-        team = 1 + int(robots.max(initial=0))
-        self._tops = [embree.rtcNewScene(owner) for _ in range(-(-team // ROBOTS))]
+        team = np.unique(robots[robots >= 0])
+        self._tops = [embree.rtcNewScene(owner) for _ in range(max(1, -(-len(team) // ROBOTS)))]
         # What rays see that do not see a robot, in each of these scenes; the last of all sees all.
-        self._seen = np.full((len(self._tops), team + 1), _EVERY_BIT, np.uint32)
-        for robot in range(team):
-            self._seen[robot // ROBOTS, robot] ^= np.uint32(1 << robot % ROBOTS)
+        self._seen = np.full(
+            (len(self._tops), int(team.max(initial=-1)) + 2), _EVERY_BIT, np.uint32
+        )
+        for place, robot in enumerate(team.tolist()):
+            self._seen[place // ROBOTS, robot] ^= np.uint32(1 << place % ROBOTS)
+        ranks = np.where(robots < 0, -1, np.searchsorted(team, robots)).tolist()
         weakref.finalize(self, _release, embree, self._tops).atexit = False
-        listed = zip(scenes, bodies.tolist(), robots.tolist(), strict=True)
-        for number, (scene, body, robot) in enumerate(listed):
+        listed = zip(scenes, bodies.tolist(), ranks, strict=True)
+        for number, (scene, body, rank) in enumerate(listed):
             if scene is None:
                 continue
-            top = self._tops[max(robot, 0) // ROBOTS]
+            top = self._tops[max(rank, 0) // ROBOTS]
             instance = embree.rtcNewGeometry(owner, _INSTANCE)
             embree.rtcSetGeometryInstancedScene(instance, _handle(scene))
-            embree.rtcSetGeometryMask(instance, _EVERY_BIT if robot < 0 else 1 << robot % ROBOTS)
+            embree.rtcSetGeometryMask(instance, _EVERY_BIT if rank < 0 else 1 << rank % ROBOTS)
             matrix = address + number * columns.strides[0]
             embree.rtcSetGeometryTransform(instance, 0, _COLUMNS_OF_FLOATS, matrix)
             embree.rtcCommitGeometry(instance)
@@ -149,7 +162,7 @@ class PlacedBodies:
         Args:
             origins: (n, 3) m. directions: (n, 3) unit vectors.
             reach: (n,) how far the rays go, m.
-            hidden: (n,) the robot that each ray does not see, -1 for none.
+            hidden: (n,) the robot, one of those placed, that each ray does not see; -1 for none.
         """
         count = len(origins)
         packets = -(-count // _WIDTH)
@@ -174,27 +187,6 @@ class PlacedBodies:
                 self._intersect(lanes_used, top, packet, None)
         met = words.view(np.int32)[:, _INSTANCE_ID].reshape(-1)[:count]
         return met.astype(np.intp)
-
-
-def placed(
-    scenes: Sequence[rtcore_scene.EmbreeScene | None],
-    bodies: Numbers,
-    robots: Numbers,
-    turns: Array,
-    places: Array,
-) -> PlacedBodies | None:
-    """One scene of b bodies as they stand; None where Embree cannot be asked for it.
-
-    Args:
-        scenes: the scene of each body in its own frame, of the `device`; None if it has no surface.
-        bodies: (b,) numbers of the bodies.
-        robots: (b,) number of the robot that each is part of, from 0 on; -1 for none.
-        turns: (b, 3, 3) rotation matrices. places: (b, 3) m.
-    """
-    embree = library()
-    if embree is None:
-        return None
-    return PlacedBodies(embree, scenes, bodies, robots, turns, places)
 
 
 def _release(embree: ctypes.PyDLL, scenes: Sequence[int]) -> None:

@@ -11,18 +11,19 @@ meets first, so that a ray is turned once and spheres are not looked at.
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-from usarsim_server.simulation.frames import Array, Numbers, rotation_matrices, rotation_matrix
+from usarsim_server.simulation.frames import Array, Numbers, rotation_matrices
 from usarsim_server.simulation.mailbox import yield_interpreter
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.objects import Objects
 from usarsim_server.simulation.rays.culling import Spheres, bounding_spheres, meetings, passing
-from usarsim_server.simulation.rays.instances import PlacedBodies, placed
+from usarsim_server.simulation.rays.groups import RigidGroup, rigid_groups
+from usarsim_server.simulation.rays.instances import PlacedBodies, library
 from usarsim_server.simulation.rays.query import RayBatch, join
 from usarsim_server.simulation.rays.scenery import is_glass, is_visible
 from usarsim_server.simulation.rays.triangles import (
@@ -34,102 +35,13 @@ from usarsim_server.simulation.rays.triangles import (
 )
 from usarsim_server.simulation.snapshot import Snapshot
 
-BODIES_AT_A_TIME = 32
-"""Bodies between two pauses."""
 GROUPS_AT_A_TIME = 16
 """Groups between two pauses, while a world grows."""
+MANY_PAIRS = 16_000
+"""Pairs of a ray and a moving tree from which on it pays to place all bodies in one scene, which
+takes some 0.2 ms at every instant."""
 FINE = 1e-4
 """m between a tessellated and the true surface of what moves."""
-EXACT = 1e-6
-"""m by which a geom may be off the axis, and deviation of a unit vector from it."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RigidGroup:
-    """Geoms that look rigid, in the frame of one body.
-
-    Bodies without joints of their own are one piece with their parents. So is a wheel: a body that
-    turns about an axis around which all its visible geoms are round looks the same however far it
-    has turned. Rays then need not look at each wheel of each robot.
-
-    Attributes:
-        body: the body.
-        geoms: g geom ids.
-        places: (g, 3) m. turns: (g, 3, 3) rotation matrices.
-    """
-
-    body: int
-    geoms: tuple[int, ...]
-    places: Array
-    turns: Array
-
-
-def rigid_groups(model: mujoco.MjModel, visible: Callable[[int], bool]) -> list[RigidGroup]:
-    """The groups of everything that moves, in the order of their bodies; none is empty.
-
-    `visible` tells of a geom id whether the geom counts.
-    """
-    carriers: dict[int, tuple[int, Array, Array]] = {}
-    turning: set[int] = set()
-    found: dict[int, list[tuple[int, Array, Array]]] = {}
-    for body in range(1, model.nbody):
-        if model.body_weldid[body] == 0:
-            continue
-        first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
-        geoms = [geom for geom in range(first, first + count) if visible(geom)]
-        parent = int(model.body_parentid[body])
-        carriers[body] = body, np.zeros(3), np.eye(3)
-        rigid = model.body_jntnum[body] == 0 and model.body_mocapid[body] < 0
-        wheel = not rigid and _is_round(model, body, geoms)
-        if parent in carriers and parent not in turning and (rigid or wheel):
-            carrier, place, turn = carriers[parent]
-            place = place + turn @ model.body_pos[body]
-            carriers[body] = carrier, place, turn @ rotation_matrix(model.body_quat[body])
-            if wheel:
-                turning.add(body)
-        carrier, place, turn = carriers[body]
-        if body % BODIES_AT_A_TIME == 0:
-            yield_interpreter()
-        for geom in geoms:
-            own = turn @ rotation_matrix(model.geom_quat[geom])
-            found.setdefault(carrier, []).append((geom, place + turn @ model.geom_pos[geom], own))
-    return [
-        RigidGroup(
-            body,
-            tuple(geom for geom, _, _ in parts),
-            np.array([place for _, place, _ in parts]),
-            np.array([turn for _, _, turn in parts]),
-        )
-        for body, parts in sorted(found.items())
-    ]
-
-
-def _is_round(model: mujoco.MjModel, body: int, geoms: list[int]) -> bool:
-    """Whether a body turns on one hinge about which all its visible geoms are round."""
-    if model.body_jntnum[body] != 1:
-        return False
-    joint = int(model.body_jntadr[body])
-    if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
-        return False
-    anchor, axis = model.jnt_pos[joint], model.jnt_axis[joint]
-    return all(_is_round_about(model, geom, anchor, axis) for geom in geoms)
-
-
-def _is_round_about(model: mujoco.MjModel, geom: int, anchor: Array, axis: Array) -> bool:
-    offset = model.geom_pos[geom] - anchor
-    if float(np.linalg.norm(offset - (offset @ axis) * axis)) > EXACT:
-        return False
-    kinds, kind, size = mujoco.mjtGeom, int(model.geom_type[geom]), model.geom_size[geom]
-    along = np.abs(rotation_matrix(model.geom_quat[geom]).T @ axis)
-    if kind == kinds.mjGEOM_SPHERE:
-        return True
-    if kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
-        return bool(along[2] > 1.0 - EXACT)
-    if kind == kinds.mjGEOM_ELLIPSOID:
-        main = int(along.argmax())
-        across = np.delete(size, main)
-        return bool(along[main] > 1.0 - EXACT and abs(across[0] - across[1]) < EXACT)
-    return False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,7 +54,7 @@ class _Body:
     geoms: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class _Moment:
     """Where everything is in one snapshot."""
 
@@ -154,9 +66,7 @@ class _Moment:
     bodies, in the world, m."""
     places: Array
     centres: Array
-    robots: Numbers
-    """(t + 1,) number of the robot that each tree is, from 0 on, and -1; -1 for none."""
-    bodies: PlacedBodies | None
+    bodies: PlacedBodies | None = None  # all in one scene, as soon as somebody asks
 
 
 class DynamicGeometry:
@@ -238,13 +148,15 @@ class DynamicGeometry:
 
         Returns:
             What `cast` finds, but for rays that graze an edge within some micrometres or meet two
-            bodies within `SLACK`; None where Embree cannot be asked for it.
+            bodies within a millimetre; None where Embree cannot be asked, or for too little.
         """
         moment = self._at(snapshot)
-        if moment.bodies is None:
+        if len(batch.fan) * len(moment.trees) < MANY_PAIRS or library() is None:
             return None
-        own = self._own(snapshot, moment, viewers)
-        hidden = moment.robots[own][batch.fan]
+        if moment.bodies is None:
+            # Two threads may both do this, too.
+            moment.bodies = self._place(moment)
+        hidden = self._own(snapshot, moment, viewers)[batch.fan]
         first = moment.bodies.first_met(batch.origins, batch.directions, batch.ranges, hidden)
         rays = np.flatnonzero(first >= 0)
         bodies = first[rays]
@@ -329,18 +241,18 @@ class DynamicGeometry:
             np.where(single[:, None], centres[first], snapshot.xpos[self._roots[trees]]),
             np.where(single, self._spans[first], self._radii[trees]),
         )
-        robots = np.append(np.where(self._is_robot[trees], np.cumsum(self._is_robot[trees]), 0), 0)
-        robots -= 1
-        there = np.flatnonzero(np.isin(self._trees, trees))
-        bodies = placed(
+        return _Moment(weakref.ref(snapshot), trees, spheres, turns, places, centres)
+
+    def _place(self, moment: _Moment) -> PlacedBodies:
+        """All bodies that are there in one scene; what a ray does not see is a tree there."""
+        there = np.flatnonzero(np.isin(self._trees, moment.trees))
+        robots = np.where(self._is_robot[moment.trees], np.arange(len(moment.trees)), -1)
+        return PlacedBodies(
             [self._bodies[body].full.embree for body in there.tolist()],
             there,
-            np.repeat(robots[:-1], self._count[trees]),
-            turns[there],
-            places[there],
-        )
-        return _Moment(
-            weakref.ref(snapshot), trees, spheres, turns, places, centres, robots, bodies
+            np.repeat(robots, self._count[moment.trees]),
+            moment.turns[there],
+            moment.places[there],
         )
 
     def _own(self, snapshot: Snapshot, moment: _Moment, viewers: list[int | None]) -> Numbers:
