@@ -11,7 +11,7 @@ from small_world import small
 
 from usarsim_exploration.cycle import Cycle, Member, set_up
 from usarsim_exploration.environment import Cell, Environment
-from usarsim_exploration.known_map import AT_BASE, KNOWN, SAFE, WALL
+from usarsim_exploration.known_map import AT_BASE, FREE, KNOWN, SAFE, WALL
 from usarsim_exploration.log_files import agents_csv
 from usarsim_exploration.noise import disturb
 from usarsim_exploration.radio import Circle
@@ -51,6 +51,17 @@ def test_ten_cells_straight_seven_across() -> None:
         assert straight.bodies[1].view.cell == (5 + 10 * step, 30)
         assert across.bodies[1].view.cell == (5 + 7 * step, 5 + 7 * step)
     assert across.bodies[1].distance == pytest.approx(21 * math.sqrt(2))
+
+
+def test_a_supposed_wall_that_turns_out_free_counts() -> None:
+    """E-73: what the team knows to be free, whatever it took a cell for before."""
+    cycle = drive(np.zeros((40, 40), np.uint8), [(5, 20), (6, 20)])
+    before, maps = cycle.team_free, [body.view.known.bits for body in cycle.bodies]
+    row, column = np.argwhere(maps[1] & (FREE | WALL) == FREE)[0]
+    for change, count in ((WALL, before - 1), (FREE, before)):
+        for bits in maps:
+            bits[row, column] = change
+        assert cycle.team_free == count
 
 
 @pytest.mark.parametrize("strategy", ["frontier", "random-walk", "wall-follow", "role-based"])

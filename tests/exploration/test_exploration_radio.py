@@ -68,6 +68,7 @@ def test_a_robot_expects_less() -> None:
     expects = RadioEstimate(MRESIM, known, 200.0, 0.1)
 
     def reaches(away: int) -> bool:
+        known.version += 1
         return bool(expects.reaches(np.array([[2, 1, 2 + away, 1]]))[0])
 
     assert reaches(181)

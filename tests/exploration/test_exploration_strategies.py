@@ -2,21 +2,23 @@
 
 import math
 from collections import Counter
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from usarsim_exploration.cycle import Cycle, Member, set_up
 from usarsim_exploration.environment import Cell, Environment
-from usarsim_exploration.known_map import AT_BASE, FREE, RELAYED
+from usarsim_exploration.known_map import AT_BASE, FREE, RELAYED, SAFE, WALL
 from usarsim_exploration.radio import Circle, PathLoss, Radio, Sight
+from usarsim_exploration.relays import chain, ways_within
 from usarsim_exploration.strategies.hungarian import assign
 from usarsim_exploration.strategies.periodic import Periodic
 from usarsim_exploration.strategies.random_walk import draw_turn
 from usarsim_exploration.strategies.ratio import Ratio
 from usarsim_exploration.strategies.wall_follow import WallFollow
 from usarsim_exploration.strategy import TYPES, Strategy
-from usarsim_exploration.tether import held, way_within
+from usarsim_exploration.tether import held
 
 SIMPLE = ("frontier", "greedy", "hungarian", "minpos", "nearest", "periodic", "ratio")
 
@@ -134,6 +136,23 @@ def test_periodic_returns_after_ever_longer_times() -> None:
     assert runs[:3] == [10, 20, 30]
 
 
+def test_periodic_may_wait_for_something_to_tell() -> None:
+    """E-60: with `outward` off, the time stands still on the way through what the base knows."""
+    cycle = begin(Periodic(outward=False), rooms(), [(10, 10), (12, 10)], Circle(), 6.0)
+    view, strategy = cycle.bodies[1].view, cycle.bodies[1].strategy
+    assert isinstance(strategy, Periodic)
+    free = np.flatnonzero(view.known.bits & FREE)
+    view.linked = frozenset()
+    view.known.mark(0, free, AT_BASE)
+    for view.step in range(1, 31):
+        assert not strategy.turns_back(view)
+    view.known.unmark(0, free, AT_BASE)
+    for view.step in range(31, 41):
+        assert not strategy.turns_back(view)
+    view.step = 41
+    assert strategy.turns_back(view)
+
+
 def visits(target: float, seed: int) -> tuple[int, float]:
     """How often robots came back into the range of the base, and the mean share of the base."""
     starts: list[Cell] = [(20, 15), (22, 15), (20, 17)]
@@ -246,7 +265,54 @@ def test_a_way_within_reach_goes_round() -> None:
     view.known.version += 1
     view.cell, others = (4, 4), [(4, 14), (14, 20), (20, 10)]
     assert not held(view, view.planner.path(view.cell, (30, 4)) or [], others[:2]).all()
-    way = way_within(view, (30, 4), others[:2])
+    way = ways_within(view, [(30, 4)], others[:2])[30, 4]
     assert held(view, way, others[:2]).all()
     assert way[-1] != (30, 4)
-    assert way_within(view, (30, 4), others)[-1] == (30, 4)
+    way = ways_within(view, [(30, 4)], others)[30, 4]
+    assert way[-1] == (30, 4)
+    assert held(view, way, others).all()
+
+
+def test_relays_are_as_few_as_it_takes() -> None:
+    """EXP-18: each is in reach of the one before, the goal of the last; too few are none."""
+    walls = np.zeros((30, 130), np.uint8)
+    walls[[0, -1]] = walls[:, [0, -1]] = 1
+    walls[1:20, 60] = 1
+    world = Environment("hall", walls)
+    cycle = begin(TYPES.find("nearest", "here")(), world, [(5, 5), (6, 5)], Circle(), 30.0)
+    view = cycle.bodies[1].view
+    view.known.bits[:] = np.where(walls, WALL | SAFE, FREE | SAFE)
+    view.known.version += 1
+    goal = (100, 8)
+    assert chain(view, [(5, 5)], [goal], [1.0], 2) is None
+    places = chain(view, [(5, 5)], [goal], [1.0], 5)
+    assert places is not None
+    assert len(places) == 3
+    ends = [(5, 5), *places, goal]
+    assert all(math.dist(one, other) <= 36.0 for one, other in pairwise(ends))
+    assert chain(view, [(5, 5), *places[:2]], [goal], [1.0], 1) is not None
+
+
+def test_links_through_the_unknown_count_for_the_worst() -> None:
+    """E-61: as many walls as there are cells that nobody has seen; near enough it still holds."""
+    cycle = begin(TYPES.find("nearest", "here")(), rooms(), [(4, 4), (5, 4)], PathLoss(), 200.0)
+    view = cycle.bodies[1].view
+    view.known.bits[:] = FREE
+    view.known.version += 1
+    pairs = np.array([[4, 4, 70, 4], [4, 4, 14, 4]])
+    assert view.radio.reaches(pairs, unknown=3).all()
+    view.known.bits[:, 8:13] = 0
+    view.known.version += 1
+    assert view.radio.reaches(pairs).all()
+    assert view.radio.reaches(pairs, unknown=3).tolist() == [False, True]
+
+
+def test_who_stands_with_its_back_to_the_base_turns() -> None:
+    """EXP-18: robots that do not see the base at the start would count on no link."""
+    starts: list[Cell] = [(5, 8), (20, 8), (20, 12)]
+    cycle = begin(TYPES.find("range-constrained", "here")(), rooms(), starts, PathLoss(), 60.0)
+    view = cycle.bodies[1].view
+    assert not view.planner.field(view.cell).reaches(view.base)
+    for _ in range(3):
+        cycle.advance()
+    assert view.planner.field(view.cell).reaches(view.base)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from usarsim_exploration.environment import Cell, Environment
 from usarsim_exploration.exchange import Exchange
 from usarsim_exploration.kernels import count_first
-from usarsim_exploration.known_map import KnownMap
+from usarsim_exploration.known_map import FREE, WALL, KnownMap
 from usarsim_exploration.levels.grid import GridLevel, Level
 from usarsim_exploration.messages import letter_size
 from usarsim_exploration.planning import Planner
@@ -99,7 +99,6 @@ class Cycle:
         links_before: links are those of before the moves (MRESim), not after.
         level: moves robots, makes scans, finds links.
         links: of the last step. step: how many were made.
-        team_free: how many cells anybody knows to be free, and are.
         messages: what is told, and how much.
         begin: told what begins, `plan`, `sense` or `communicate`, for whoever takes times.
     """
@@ -111,7 +110,6 @@ class Cycle:
     links_before: bool = False
     level: Level = field(default_factory=GridLevel)
     step: int = 0
-    team_free: int = 0
     begin: Callable[[str], None] = lambda phase: None
     links: Links = field(init=False)
     _team: NDArray[np.uint8] = field(init=False)
@@ -121,6 +119,13 @@ class Cycle:
         self.links = self.level.links(self)
         self.level.look(self)
         self._exchange()
+
+    @property
+    def team_free(self) -> int:
+        """How many cells somebody takes for free, and are; walls that were only supposed, too."""
+        maps = np.stack([body.view.known.bits for body in self.bodies])
+        known = ((maps & (FREE | WALL)) == FREE).any(axis=0)
+        return int(np.count_nonzero(known & (self.environment.walls == 0)))
 
     @property
     def cells_sent(self) -> int:
@@ -169,10 +174,9 @@ class Cycle:
     def count(self, body: Body, found: NDArray[np.int32]) -> None:
         """Note what scans of a step have found; cells that were unknown to the robot."""
         walls = self.environment.walls.reshape(-1)
-        first, free = count_first(self._team, walls, body.view.known.bits.reshape(-1), found)
+        first, _ = count_first(self._team, walls, body.view.known.bits.reshape(-1), found)
         body.found += len(found)
         body.first += first
-        self.team_free += free
 
     # -- radio --------------------------------------------------------------------------------
 

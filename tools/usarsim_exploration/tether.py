@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell
-from usarsim_exploration.kernels.steps import FAR
-from usarsim_exploration.planning import Field, Path
+from usarsim_exploration.planning import Path
 from usarsim_exploration.strategy import View
 
 UNKNOWN = 3
@@ -34,9 +33,22 @@ def links(
     return found.reshape(len(cells), len(others))
 
 
-def held(view: View, cells: Sequence[Cell], others: Sequence[Cell]) -> NDArray[np.bool_]:
+def held(
+    view: View, cells: Sequence[Cell] | NDArray[np.int64], others: Sequence[Cell]
+) -> NDArray[np.bool_]:
     """Which cells have a link to any of some others that can be counted upon, (cells,)."""
-    return np.asarray(links(view, cells, others).any(axis=1), np.bool_)
+    good = np.zeros(len(cells), np.bool_)
+    if not len(cells):
+        return good
+    there = np.array(cells, np.int64)
+    away = np.hypot(*(np.array(others)[:, None] - there[[0, -1]]).transpose(2, 0, 1)).sum(axis=1)
+    for index in np.argsort(away, kind="stable").tolist():  # near ones hold most of it
+        left = np.flatnonzero(~good)
+        if not len(left):
+            break
+        end = np.broadcast_to(others[index], (len(left), 2))
+        good[left] = view.radio.reaches(np.hstack([there[left], end]), unknown=UNKNOWN)
+    return good
 
 
 def leading(path: Path, good: NDArray[np.bool_]) -> Path:
@@ -44,20 +56,18 @@ def leading(path: Path, good: NDArray[np.bool_]) -> Path:
     return path if good.all() else path[: int(good.argmin())]
 
 
-def way_within(view: View, goal: Cell, others: Sequence[Cell]) -> Path:
-    """The way to a goal over held cells only, or to that one of them that is nearest to it.
+def turn_to_base(view: View) -> Path:
+    """A step away from the base and back, to see it; empty: there is no room, or it is known.
 
-    It judges every known cell, so it is for whom the shortest way is barred.
+    Robots may start with their back to it, and nobody counts on links through the unknown.
     """
-    free = np.argwhere(view.planner.passable)[:, ::-1]
-    good = np.zeros(len(free), np.bool_)
-    for cell in others:
-        pairs = np.concatenate([free, np.broadcast_to(cell, free.shape)], axis=1)
-        good |= view.radio.reaches(pairs, unknown=UNKNOWN)
-    within = np.zeros_like(view.planner.passable)
-    within[free[good, 1], free[good, 0]] = 1
-    field = Field(within, [view.cell], within.size)
-    costs = view.planner.field(goal).costs
-    away = np.where(field.costs != FAR, costs, FAR)
-    row, column = divmod(int(away.argmin()), away.shape[1])
-    return field.path((column, row)) or []
+    if view.planner.field(view.cell).reaches(view.base):
+        return []
+    column, row = view.cell
+    off = column - view.base[0], row - view.base[1]
+    beside = sorted(((0, -1), (0, 1), (-1, 0), (1, 0)), key=lambda one: -np.dot(one, off))
+    for right, down in beside:
+        cell = column + right, row + down
+        if view.planner.path(view.cell, cell):
+            return [cell, view.cell]
+    return []

@@ -1,8 +1,11 @@
 """Leader and followers: a chain from the base to the robot with the highest number, which explores.
 
-Each follower drives towards the next one of the chain. Nobody makes a move after which a neighbour
-could be out of reach, wherever that one moves in the same step, so under a circle no link ever
-breaks (exploration reference 12.6, where robots step back only when one is broken).
+Each follower drives towards the next one of the chain, or to a post that the leader has named where
+that is not enough to get to a frontier. Nobody makes a move after which a neighbour could be out of
+reach, wherever that one moves in the same step, so under a circle no link ever breaks (exploration
+reference 12.6, where robots step back only when one is broken).
+
+When nobody can move, all gather at the base, link by link, before the leader tries once more.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ from usarsim_exploration.bidding import Bidding
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.frontiers import find_frontiers
 from usarsim_exploration.planning import Path
+from usarsim_exploration.relays import chain
 from usarsim_exploration.strategy import (
     BASE,
     Letter,
@@ -24,9 +28,13 @@ from usarsim_exploration.strategy import (
     register,
     straight,
 )
-from usarsim_exploration.tether import leading, links
+from usarsim_exploration.tether import leading, links, turn_to_base
 from usarsim_server.fields import field
 
+NEWS = 1.05
+"""So many times the free cells have to be known until what was beyond the chain is asked again."""
+GATHERED = 10.0
+"""Cells from the base at which the leader begins anew."""
 SETTLED = 3
 """Steps after which a robot that has not moved will not either, as long as nobody else does."""
 
@@ -55,11 +63,19 @@ class LeaderFollower(Strategy):
         self._planned = -(10**9)
         self._waited = self._still = 0
         self._given_up: set[Cell] = set()
+        self._tried: set[Cell] = set()
+        self._beyond: dict[Cell, int] = {}
+        """Frontiers that no chain got to, and how many free cells were known then."""
         self._goal: Cell | None = None
-        self._home = False
+        self._home = self._gathers = self._turned = False
+        self._posts: list[Cell] = []
 
     def decide(self, view: View) -> Plan | None:
         """As much of the way as keeps both neighbours."""
+        if not self._turned:
+            self._turned = True
+            if turn := turn_to_base(view):
+                return Plan(turn, "turn")
         parent, child = self._neighbours(view)
         if parent not in view.linked:  # back to where it was
             self._planned = -(10**9)
@@ -79,15 +95,26 @@ class LeaderFollower(Strategy):
         for mate in near:
             slack = mate.speed if mate.number != BASE else 0.0
             part = leading(part, links(view, part, [mate.cell], slack)[:, 0]) if part else part
-        if self._home and not part:  # nothing is left to tell, so nobody waits on the way home
+        stuck = self._gathers and self._still > SETTLED and not view.radio.certain
+        if (self._home or stuck) and not part:  # nobody waits for ever on the way home
             part = self._way[: math.ceil(view.speed) + 1]
         self._still = 0 if part else self._still + 1
         self._waited = self._waited + 1 if self._way and not part else 0
         if child is None and self._goal is not None and self._is_held(view):
-            self._given_up.add(self._goal)
-            self._waited, self._planned = 0, -(10**9)
-        state = "return" if self._home else "lead" if child is None else "follow"
-        return Plan(part, state, self._goal, home=self._home)
+            self._fail(view)
+        stands = child is not None and not part and not self._gathers  # for those behind it
+        state = "relay" if stands else "lead" if child is None else "follow"
+        return Plan(part, "return" if self._home else state, self._goal, home=self._home)
+
+    def _fail(self, view: View) -> None:
+        """The leader does not get there: it tries again from the base; then it gives that up."""
+        self._waited, self._planned = 0, -(10**9)
+        if self._gathers or not self._posts or self._goal in self._tried:
+            self._gathers = False
+            self._given_up.add(self._goal or view.base)
+        else:
+            self._gathers = True
+            self._tried.add(self._goal or view.base)
 
     def _is_held(self, view: View) -> bool:
         """Whether the leader has waited in vain, or waits for a chain that does not move either."""
@@ -109,33 +136,68 @@ class LeaderFollower(Strategy):
 
     def _lead(self, view: View) -> None:
         """To the nearest frontier that is not out of reach of the chain; home if there is none."""
+        if self._gathers and straight(view.cell, view.base) > GATHERED:
+            self._go(view, view.base)
+            return
+        self._gathers = False
+        frontiers = find_frontiers(view.known)
         while True:
+            beyond = [cell for cell, free in self._beyond.items() if view.known.free < NEWS * free]
             aims = [
                 aim
-                for aim in self._bidding.aims(view, find_frontiers(view.known), 64)
+                for aim in self._bidding.aims(view, frontiers, 64)
                 if all(straight(aim.cell, one) >= self.spacing for one in self._given_up)
+                and all(straight(aim.cell, one) >= self.spacing for one in beyond)
             ]
             if not aims:
                 self._go(view, view.base, home=True)
                 return
             aim = min(aims, key=lambda one: one.distance)
+            if not self._post(view, aim.cell):
+                self._beyond[aim.cell] = view.known.free
+                continue
             self._go(view, aim.cell)
             if not self._way:
                 self._way = self._bidding.look(view, aim) or []
             if self._way:
                 return
 
+    def _post(self, view: View, goal: Cell) -> bool:
+        """Name a post for each follower, as few as it takes; False: there are too few of them."""
+        if goal == self._goal:
+            return True
+        followers = sum(number in view.linked for number in view.teammates if number != BASE)
+        slack = 2.0 * view.speed
+        posts = chain(view, [view.base], [goal], [1.0], followers, slack)
+        if posts is None:
+            posts = chain(view, [view.base], [goal], [1.0], followers)
+        self._posts = posts or []
+        return posts is not None
+
     def _follow(self, view: View, child: Teammate) -> None:
-        """To the next one of the chain; home if that goes home."""
-        self._go(view, view.base if child.letter.get("home") else child.cell)
-        self._home = bool(child.letter.get("home"))
-        if not self._home:
+        """To its post or to the next one of the chain; home if the leader goes there."""
+        mates = view.teammates.values()
+        recent = [mate for mate in mates if view.step - max(mate.heard, 0) <= self.memory]
+        told = max(recent, key=lambda mate: mate.number, default=child).letter
+        posts, place = told.get("posts", ()), self._place(view)
+        home, self._gathers = bool(child.letter.get("home")), bool(told.get("gathers"))
+        if home or self._gathers:
+            self._go(view, view.base, home)
+        elif place < len(posts):
+            self._go(view, posts[place])
+        else:
+            self._go(view, child.cell)
             self._way = self._way[:-1]
+
+    def _place(self, view: View) -> int:
+        """How many of the chain are nearer to the base."""
+        return sum(0 < number < view.number for number in view.linked)
 
     def _go(self, view: View, goal: Cell, home: bool = False) -> None:
         self._goal, self._home = goal, home
         self._way = view.planner.path(view.cell, goal) or []
 
     def letter(self, view: View) -> Letter:
-        """Whether nothing is left to find, and for how many steps it has not moved."""
-        return {"home": self._home, "still": self._still}
+        """Whether nothing is left to find, how long it has not moved, and what the leader wants."""
+        wanted = {"posts": self._posts, "gathers": self._gathers}
+        return {"home": self._home, "still": self._still, **wanted}

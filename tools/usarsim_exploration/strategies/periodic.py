@@ -65,12 +65,18 @@ class Periodic(Returning):
         default=10, low=0, high=10**6, unit="steps", help="by which each next time is longer"
     )
 
+    outward: bool = field(
+        default=True, help="the time runs on the way out, too; else only with something to tell"
+    )
+
     def __post_init__(self) -> None:
         super().__post_init__()
         self._time, self._since = self.first, 0
 
     def turns_back(self, view: View) -> bool:
         """When the time is up; if the base hears already, the next time begins."""
+        if not self.outward and BASE not in view.linked and not view.known.undelivered:
+            self._since += 1
         if view.step - self._since <= self._time:
             return False
         if BASE in view.linked:
