@@ -16,6 +16,7 @@ from small_world import small
 
 from usarsim_exploration.commands import run as run_command
 from usarsim_exploration.errors import ExplorationError
+from usarsim_exploration.history import History
 from usarsim_exploration.known_map import FREE, SAFE, WALL
 from usarsim_exploration.levels.controller import DeadError
 from usarsim_exploration.levels.driver import Driver
@@ -29,7 +30,7 @@ from usarsim_exploration.log_files import agents_csv, steps_csv
 from usarsim_exploration.measures import measure
 from usarsim_exploration.post import Message
 from usarsim_exploration.radio import Circle, PathLoss, Sight, SubT
-from usarsim_exploration.running import Run
+from usarsim_exploration.running import Run, run
 from usarsim_exploration.scenario import read
 from usarsim_exploration.strategies.frontier import FrontierStrategy
 from usarsim_exploration.strategy import Teammate
@@ -159,6 +160,17 @@ LAB: dict[str, Any] = {
 }
 
 
+def agree(history: History, other: History) -> float:
+    """Most by which the parts known differ at the same way driven, percent."""
+
+    def curve(one: History) -> tuple[np.ndarray, np.ndarray]:
+        return one.distance[:, 1:].sum(axis=1), 100 * one.free_team / one.reachable
+
+    (ways, known), (others, theirs) = curve(history), curve(other)
+    reached = ways <= others[-1]
+    return float(np.abs(known - np.interp(ways, others, theirs))[reached].max())
+
+
 def played() -> tuple[list[str], Run]:
     """The logs and measures of a run with physics."""
     with Run(read(LAB)) as one:
@@ -169,7 +181,7 @@ def played() -> tuple[list[str], Run]:
 
 
 def test_a_run_over_the_ports_of_a_server(monkeypatch: pytest.MonkeyPatch) -> None:
-    """EXP-03, EXP-07, EXP-08, E-82: robots of a server, twice the same, with nothing but two ports.
+    """E-81, E-82, EXP-03, EXP-07, EXP-08: robots of a server, twice the same, by two ports only.
 
     Every connection goes to the robots' port, the wireless one, or a road that the wireless server
     gave; a radio that is out is not linked; the others go on without a robot that fails.
@@ -197,6 +209,7 @@ def test_a_run_over_the_ports_of_a_server(monkeypatch: pytest.MonkeyPatch) -> No
     assert history.distance[-1, 1] > history.distance[8, 1] > 20.0
     assert history.distance[-1, 2] == history.distance[8, 2]
     assert history.free_team[-1] > 1.5 * history.free_team[0]
+    assert agree(history, run(read({**LAB, "backend": "grid"})).history) < 10.0
     assert type(one.cycle.bodies[1].strategy) is FrontierStrategy
     assert inspect.getmodule(one.cycle.bodies[1].strategy) is inspect.getmodule(FrontierStrategy)
     assert played()[0] == texts

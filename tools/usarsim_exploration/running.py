@@ -79,16 +79,20 @@ class Run:
         self.close()
         self._level = self._new_level()
         world = one.world.environment
-        self.cycle: Cycle = set_up(
-            replace(world, walls=world.walls.copy()),  # doors move walls
-            one.team,
-            one.strategy,
-            one.radio,
-            one.basics.seed,
-            links_before=one.basics.links == "before",
-            level=self._level,
-            late=late(one.events),
-        )
+        try:
+            self.cycle: Cycle = set_up(
+                replace(world, walls=world.walls.copy()),  # doors move walls
+                one.team,
+                one.strategy,
+                one.radio,
+                one.basics.seed,
+                links_before=one.basics.links == "before",
+                level=self._level,
+                late=late(one.events),
+            )
+        except BaseException:
+            self.close()
+            raise
         self.cycle.begin = self._begin
         self.recorder = Recorder(self.cycle)
         self.events: list[tuple[int, str]] = []

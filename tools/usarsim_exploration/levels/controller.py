@@ -25,6 +25,8 @@ from usarsim_exploration.localisation.surfaces import Floats
 Kind = TypeVar("Kind")
 _PATIENCE = 60.0
 """s of wall time that a server may take for a tick."""
+_ENTERING = 20.0
+"""s of wall time within which a robot comes into the world."""
 _TICK = b"NFO {Status Tick}"
 _SLIP = 1.6
 """A skid steered robot turns as if its track were so much wider."""
@@ -70,7 +72,9 @@ class Controller:
                    Location=(x, y, z), Rotation=(0.0, 0.0, yaw))  # fmt: skip
         try:
             self.link.send(init)
+            self.link.socket.settimeout(_ENTERING)  # who is refused is often told nothing
             self._hear()
+            self.link.socket.settimeout(_PATIENCE)
         except (DeadError, OSError) as error:
             cure = f"has the server a class {self._kind}, is there room, is it in lockstep?"
             problem = f"{self.name} did not come into the world"

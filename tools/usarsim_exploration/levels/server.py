@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from usarsim_client import ProtocolError
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.known_map import FREE, KNOWN, SAFE, WALL
@@ -174,12 +175,19 @@ class ServerLevel:
         """As strong as the wireless server says."""
         assert self._air is not None
         on = [one.works and not one.silent for one in cycle.bodies]
-        return Links(self._air.hears(on))
+        try:
+            return Links(self._air.hears(on))
+        except (OSError, ProtocolError) as error:
+            raise self._gone(error) from error
 
     def carry(self, message: Message) -> Message:
         """Over the wireless server."""
         assert self._air is not None
-        return decode(self._air.carry(message.giver, message.taker, encode(message)))
+        try:
+            data = self._air.carry(message.giver, message.taker, encode(message))
+        except ProtocolError as error:
+            raise self._gone(error) from error
+        return decode(data)
 
     def reality(self, cycle: Cycle) -> dict[str, float | None]:
         """The measures that only robots of a server have."""
