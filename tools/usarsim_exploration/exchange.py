@@ -7,6 +7,7 @@ reference 6.4). Links with a bandwidth, latency or loss are those of `post`.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -88,20 +89,15 @@ class Exchange:
         """Fold the cells that are news to anybody, in the order of numbers (reference 6.4)."""
         maps = [body.view.known for body in group]
         numbers = [body.view.number for body in group]
-        told: dict[tuple[int, int], tuple[int, int]] = {}
         fresh = np.zeros(maps[0].bits.size, np.bool_)  # to somebody
         for giver, known in zip(numbers, maps, strict=True):
-            for taker in numbers:
-                since = int(self._synced[taker, giver])
-                if taker != giver:
-                    if (giver, since) not in told:
-                        cells = known.changed_since(since)
-                        runs = tell(known.bits.reshape(-1), cells, fresh)
-                        told[giver, since] = len(cells), RUN * runs
-                    self.cells_sent += told[giver, since][0]
-                    self.bytes_sent += told[giver, since][1]
-        for giver in numbers:
-            self._synced[numbers, giver] = step
+            synced = self._synced[[one for one in numbers if one != giver], giver]
+            for since, takers in Counter(synced.tolist()).items():
+                cells = known.changed_since(since)
+                runs = tell(known.bits.reshape(-1), cells, fresh)
+                self.cells_sent += takers * len(cells)
+                self.bytes_sent += takers * RUN * runs
+        self._synced[np.ix_(numbers, numbers)] = step
         cells = np.flatnonzero(fresh)
         if not len(cells):
             return

@@ -175,12 +175,16 @@ class KnownMap:
 
     def _shorten(self) -> None:
         """Keep for each cell only when it changed last."""
-        last = np.full(self.bits.size, -1, np.int32)
-        for when, group in self._journal:
-            last[group] = when
-        cells = np.flatnonzero(last >= 0)
-        cells = cells[np.argsort(last[cells], kind="stable")]
-        steps, firsts = np.unique(last[cells], return_index=True)
-        groups = np.split(cells.astype(np.int32), firsts[1:])
-        self._journal = [(int(when), group) for when, group in zip(steps, groups, strict=True)]
+        steps = list(dict.fromkeys(step for step, _ in self._journal))
+        ranks = {step: rank for rank, step in enumerate(steps, 1)}
+        last = np.zeros(self.bits.size, np.min_scalar_type(len(steps)))  # small ones sort faster
+        for step, group in self._journal:
+            last[group] = ranks[step]
+        cells = np.flatnonzero(last)
+        counts = np.bincount(last[cells], minlength=len(steps) + 1)[1:]
+        order = np.argsort(last[cells], kind="stable")
+        groups: list[NDArray[np.int32]] = np.split(
+            cells[order].astype(np.int32), np.cumsum(counts)[:-1]
+        )
+        self._journal = [pair for pair in zip(steps, groups, strict=True) if len(pair[1])]
         self._entries = self._kept = len(cells)
