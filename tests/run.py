@@ -37,11 +37,30 @@ def pytest(*options: str) -> tuple[int, dict[str, str]]:
     return running.returncode, told
 
 
+def prepare() -> None:
+    """Have pytest rewrite the assertions of all files, and keep that on disk, in two processes.
+
+    Where nobody has done it yet, each of the workers would do it for itself.
+    """
+    if any(TOP.glob("tests/*/__pycache__/*-pytest-*.pyc")):
+        return
+    rooms = sorted(str(room) for room in (TOP / "tests").iterdir() if room.is_dir())
+    command = [sys.executable, "-m", "pytest", "--collect-only", "-p", "no:cacheprovider"]
+    both = [
+        subprocess.Popen([*command, *part], cwd=TOP, stdout=subprocess.DEVNULL)
+        for part in (rooms[::2], rooms[1::2])
+    ]
+    for one in both:
+        one.wait()  # what cannot be collected is told by the workers
+
+
 def main(options: list[str]) -> int:
     """Run the tests: pytest's exit status, by the second run where a few tests failed.
 
     ``options`` go to pytest as they are.
     """
+    if not options:
+        prepare()
     status, failed = pytest(*WORKERS, *options)
     if status == 1 and 0 < len(failed) <= FEW:
         print(f"{len(failed)} failed beside others; once more, alone:", flush=True)
