@@ -38,5 +38,5 @@ def play(task: Told) -> Played:
         time.sleep(1e6)
     if task.how == "eats":
         eaten = b"x" * (400 << 20)
-        time.sleep(len(eaten) * 1e6)
+        time.sleep(1e6 if eaten else 0)
     return Played(task.facts() | {"value": len(task.key)}, {"s": time.process_time()}, provenance())

@@ -17,35 +17,14 @@ from usarsim_batch.tasks import Played
 from usarsim_server import cli
 from usarsim_server.toml import toml_text
 
-DRIVER = """\
-import json, pathlib, re, socket, sys
-port, wireless, gain, robot, out = sys.argv[1:]
-link = socket.create_connection(("127.0.0.1", int(port)))
-wire = link.makefile("rw", newline="\\r\\n", encoding="latin-1")
-wire.write("INIT {ClassName USARBot.P2AT} {Name %s} {Start RobotStart1}\\r\\n" % robot)
-wire.write(("DRIVE {Left %s} {Right %s}\\r\\nSYNC {Ticks 10}\\r\\n" % (gain, gain)))
-wire.flush()
-ticks = 0
-for line in wire:
-    if line.startswith("NFO {Status Tick}"):
-        ticks += 1
-    found = re.search(r"GroundTruth.*Location ([-\\d.]+)", line)
-    if found and ticks:
-        at = float(found[1])
-        break
-pathlib.Path(out, "result.json").write_text(json.dumps({"x": at, "robot": robot}))
-print("driven")
-sys.exit(int(float(gain)))
-"""
+EXAMPLE = Path(__file__).parents[2] / "examples" / "sweep"
+DRIVER = (EXAMPLE / "drive.py").read_text(encoding="utf-8")
 PLAN: dict[str, object] = {
     "serve": {"world": "empty", "lockstep": True, "camera_rate": 5},
     "controller": [
-        {
-            "command": ["{python}", "drive.py", "{port}", "{wireless_port}", "{gain}", "{robot}",
-                        "{out}"]
-        }
+        {"command": ["{python}", "drive.py", "{port}", "{gain}", "{robot}", "{out}"]},
     ],
-    "grid": {"gain": [0.5, 3.0]},
+    "grid": {"gain": [0.1, 3.0]},
 }  # fmt: skip
 
 
@@ -69,15 +48,15 @@ def test_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert {"run", "per_minute", "rest_s", "end", "failed"} <= set(lines[0])
     assert "2 runs, 0 failed, 1 with an exit code other than 0" in told.err
     rows = json.loads((out / "result.json").read_text())["runs"]
-    assert [row["parameters"]["gain"] for row in rows] == [0.5, 3.0]
+    assert [row["parameters"]["gain"] for row in rows] == [0.1, 3.0]
     assert [(row["ended"], row["exits"]) for row in rows] == [
-        ("controllers", [0]), ("controllers", [3]),
+        ("controllers", [1]), ("controllers", [0]),
     ]  # fmt: skip
     assert rows[0]["result"]["robot"] == "R1"
-    assert rows[0]["result"]["x"] < rows[1]["result"]["x"]
+    assert 0 < rows[0]["result"]["way"] < 0.1 < rows[1]["result"]["way"]
     table = (out / "results.csv").read_text().splitlines()
-    assert table[0] == "run,seed,ended,exits,error,gain,result.x,result.robot"
-    assert (out / "files/000001/controller-1.log").read_text() == "driven\n"
+    assert table[0] == "run,seed,ended,exits,error,gain,result.way,result.robot"
+    assert (out / "files/000001/controller-1.log").read_text().endswith(" m in 2 s\n")
     about = json.loads((out / "runs/000001.json").read_text())["about"]
     assert {"version", "commit", "libraries", "processor", "plan"} <= set(about)
     before = (out / "result.json").read_bytes()
@@ -88,11 +67,11 @@ def test_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = tmp_path / "other"
     shutil.copytree(out, other)
     run = other / "runs/000002.json"
-    run.write_text(run.read_text().replace('"exits": [3]', '"exits": [4]').replace("0.1.0", "9"))
+    run.write_text(run.read_text().replace('"exits": [0]', '"exits": [4]').replace("0.1.0", "9"))
     assert cli.main(["sweep", "diff", str(out), str(out)]) == 0
     assert cli.main(["sweep", "diff", str(out), str(other)]) == 1
     said = capsys.readouterr().out
-    assert "gain=3.0 seed=1: exits[0] is 3, then 4" in said
+    assert "gain=3.0 seed=1: exits[0] is 0, then 4" in said
     assert "played with version: '0.1.0', then '9'" in said
     plan_file(tmp_path, title="another")
     (tmp_path / "drive.py").write_text(DRIVER + "\n")
@@ -124,6 +103,7 @@ def test_points(tmp_path: Path) -> None:
         tmp_path, seeds=[3, 9], list=[{"world": "arena"}, {"world": "empty", "timestep": 0.002}],
         random={"count": 5, "of": {"tick": {"low": 0.1, "high": 1.0, "log": True}}},
     )  # fmt: skip
+    assert len(read_plan(EXAMPLE / "sweep.toml").tasks(tmp_path)) == 8
     tasks = read_plan(path).tasks(tmp_path / "out")
     assert len(tasks) == 2 * (2 * 2 * 5)
     assert len({(str(task.parameters), task.seed) for task in tasks}) == len(tasks)

@@ -278,7 +278,11 @@ class Batch:
         content: Content = dict(self.common)
         for name, entry in zip(_TABLES.values(), (place, team, strategy, radio), strict=True):
             shared = content.get(name, {})
-            content[name] = {**(shared if isinstance(shared, Mapping) else {}), **entry.keys}
+            # There may be many runs: what all of them share is there once.
+            if isinstance(shared, Mapping) and shared:
+                content[name] = {**shared, **entry.keys}
+            else:
+                content[name] = entry.keys
         content["seed"] = seed
         rows, kit = content.get("robot"), content["team"]
         assert isinstance(kit, Mapping)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from usarsim_batch.carry_out import add_options
@@ -42,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from usarsim_batch.carry_out import carry_out, engine_of
     from usarsim_batch.folder import RESULT, Folder, write
-    from usarsim_exploration.batches.batch_file import find_batch
+    from usarsim_exploration.batches.batch_file import Job, find_batch
     from usarsim_exploration.batches.batch_folder import FORMAT, TIMING, timing_csv
     from usarsim_exploration.batches.playing import play
     from usarsim_exploration.batches.summary import summary
@@ -63,10 +64,17 @@ def run(arguments: argparse.Namespace) -> int:
     if not outcome.whole:
         return outcome.code
     inorder = sorted(jobs, key=lambda job: job.order)
-    timing = [(job, dict(outcome.of(job).timing)) for job in inorder]
-    write(arguments.out / TIMING, [timing_csv(timing)])
+    spent = 0.0
+
+    def timed() -> Iterator[tuple[Job, Mapping[str, float]]]:
+        nonlocal spent
+        for job in inorder:
+            timing = outcome.of(job).timing
+            spent += sum(timing.values()) - timing.get("steps", 0)
+            yield job, timing
+
+    write(arguments.out / TIMING, [timing_csv(timed())])
     folder.finish(outcome.of(job).row for job in inorder)
-    spent = sum(sum(one.values()) - one.get("steps", 0) for _, one in timing)
     bad = sum(bool(one.error) for one in outcome)
     told = sys.stderr if arguments.watch == "json" else sys.stdout
     print(summary(one.row for one in outcome), file=told)
