@@ -52,7 +52,7 @@ def test_they_see_and_meet_each_other(hall: str) -> None:
     """A robot that drives at another one sees it before it, pushes it, and both are charged."""
     team = ExplorePhysicsTeam(hall, robots=2)
     team.reset(seed=1)
-    stage = team.level._stage
+    stage = team.level.stage
     stage.begin([(1.2, 1.5, 0.0), (2.6, 1.5, 0.0)], np.random.default_rng(1))
     ahead = stage.rovers[0].scanner.scan[90]
     assert 0.5 < ahead < 1.4  # the wall is 2.5 m from the range finder

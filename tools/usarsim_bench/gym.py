@@ -113,7 +113,7 @@ def _bare(made: Any, random: np.random.Generator) -> float:
 
     made.reset()
     made.step(_action(made, random))  # who is told to drive never sleeps
-    engine = made.level._stage.engine
+    engine = made.level.stage.engine
     model = with_velocity_actuators(engine, BARE_GAIN)
     data = mujoco.MjData(model)
     mujoco.mj_copyData(data, engine.world.model, engine.data)

@@ -41,6 +41,7 @@ class Crew:
     Attributes:
         gained: m2 of free space that the last step found. free: reachable free cells.
         charts: of all; that of the base first. linked: whom each hears, over any chain.
+        stage: where they drive.
     """
 
     def __init__(
@@ -74,7 +75,7 @@ class Crew:
             raise ExplorationError(f"radio: {problem} (remove bandwidth, latency and loss)")
         self._world, self._localisation = find(world), localisation
         self.robots, self.rewards = robots, rewards
-        self._stage = Stage(self._world, robot, robots, speed, reach, noise)
+        self.stage = Stage(self._world, robot, robots, speed, reach, noise)
         truth = self._world.environment
         self._range = radio_range / truth.cell
         self._open = truth.reachable(self._world.base).astype(np.uint8)
@@ -86,7 +87,7 @@ class Crew:
             {
                 **map_spaces(),
                 "pose": spaces.Box(low.astype(np.float32), np.ones(5, np.float32)),
-                "ranges": spaces.Box(0.0, float(reach), (self._stage.beams,), np.float32),
+                "ranges": spaces.Box(0.0, float(reach), (self.stage.beams,), np.float32),
                 "velocity": spaces.Box(-fastest, fastest),
             }
         )
@@ -103,8 +104,8 @@ class Crew:
              float(random.uniform(-math.pi, math.pi)))
             for number in range(self.robots)
         ]  # fmt: skip
-        self._stage.begin(places, random)
-        rovers = self._stage.rovers
+        self.stage.begin(places, random)
+        rovers = self.stage.rovers
         self._starts = [one.place for one in rovers]
         self.charts = [Chart(truth.shape, truth.cell) for _ in range(self.robots + 1)]
         self._scratch = Chart(truth.shape, truth.cell)
@@ -119,14 +120,14 @@ class Crew:
 
     def step(self, told: Mapping[int, Any]) -> None:
         """0.1 s of simulated time. told: (2,) ahead and to the right, by number."""
-        before = [one.place for one in self._stage.rovers]
+        before = [one.place for one in self.stage.rovers]
         orders = {}
         for number, action in told.items():
             ahead, right = np.clip(np.asarray(action, np.float64), -1.0, 1.0).tolist()
             orders[number - 1] = ahead, SPIN * right
-        self._stage.step(orders)
+        self.stage.step(orders)
         self._steps += 1
-        for number, rover in enumerate(self._stage.rovers):
+        for number, rover in enumerate(self.stage.rovers):
             self._driven[number] += math.dist(before[number][:2], rover.place[:2])
         self._look()
         self.cut = self._steps >= self.rewards.steps
@@ -134,7 +135,7 @@ class Crew:
     def _look(self) -> None:
         """Take the scans into the maps, and have those who are linked merge theirs."""
         known = self._count
-        for number, rover in enumerate(self._stage.rovers, 1):
+        for number, rover in enumerate(self.stage.rovers, 1):
             if rover.works:
                 ahead, left, _ = rover.scanner.mount.position
                 scan = rover.scanner.scan, rover.angles, rover.met
@@ -147,7 +148,7 @@ class Crew:
         self._count = int(np.count_nonzero(self._found))
         self.gained = (self._count - known) * self._world.environment.cell**2
         self.ended = self.covered >= self.rewards.coverage or not any(
-            one.works for one in self._stage.rovers
+            one.works for one in self.stage.rovers
         )
         if self.robots > 1:
             self._talk()
@@ -159,8 +160,8 @@ class Crew:
         """Merge the maps of those who are linked; a wall that anybody knows is one."""
         truth = self._world.environment
         there = [self._base]
-        there += [self.charts[0].cell_of(*one.place[:2]) for one in self._stage.rovers]
-        ranges = [self._range, *(self._range * one.works for one in self._stage.rovers)]
+        there += [self.charts[0].cell_of(*one.place[:2]) for one in self.stage.rovers]
+        ranges = [self._range, *(self._range * one.works for one in self.stage.rovers)]
         links = find_links(self._radio, truth, there, ranges, self._steps)
         self.linked = [np.flatnonzero(row).tolist() for row in links.closed]
         for group in links.groups():
@@ -179,11 +180,11 @@ class Crew:
 
     def works(self, number: int) -> bool:
         """Whether a robot is in the world."""
-        return self._stage.rovers[number - 1].works
+        return self.stage.rovers[number - 1].works
 
     def place(self, number: int) -> Place:
         """Where a robot is told that it is."""
-        rover = self._stage.rovers[number - 1]
+        rover = self.stage.rovers[number - 1]
         if self._localisation == "truth":
             return rover.place
         return moved(self._starts[number - 1], rover.way)
@@ -195,7 +196,7 @@ class Crew:
     def observe(self, number: int) -> Observation:
         """What a robot sees; see docs/gym.md."""
         x, y, heading = self.place(number)
-        bits, rover = self.charts[number].bits, self._stage.rovers[number - 1]
+        bits, rover = self.charts[number].bits, self.stage.rovers[number - 1]
         high, wide = (side * self._world.environment.cell for side in bits.shape)
         cell = self._cell(number)
         pose = [
@@ -213,12 +214,12 @@ class Crew:
 
     def reward(self, number: int) -> float:
         """What the team found in the last step, less what the robot is charged, m2."""
-        touching = self._stage.rovers[number - 1].touching
+        touching = self.stage.rovers[number - 1].touching
         return self.gained - self.rewards.time - self.rewards.collision * touching
 
     def facts(self, number: int) -> dict[str, Any]:
         """What goes beside an observation and is not for the learner."""
-        rover = self._stage.rovers[number - 1]
+        rover = self.stage.rovers[number - 1]
         x, y, heading = rover.place
         others = self.linked[number] if self.robots > 1 else ()
         return {
