@@ -183,18 +183,24 @@ class WheelServos(_Servos):
             return
         missing = self._target - self._setpoint
         limit = np.where(missing * self._setpoint < 0.0, self._decrement, self._increment)
-        change = np.clip(missing, -limit, limit)
+        change = np.minimum(np.maximum(missing, -limit), limit)
         self._setpoint += change
         still = (self._setpoint == 0.0) & (self._target == 0.0) & self._engaged
-        self._idle = np.where(still, self._idle + self._timestep, 0.0)
-        braked = still & (self._idle >= self._delay)
-        angles = qpos[self._angles]
-        self._hold = np.where(braked, np.where(np.isnan(self._hold), angles, self._hold), np.nan)
-        back = np.clip(HOLD_GAIN * (self._hold - angles), -HOLD_SPEED, HOLD_SPEED)
-        self._shift[self._dofs] = np.where(braked, back, self._setpoint)
+        standing = bool(still.any())
+        if standing:
+            self._idle = np.where(still, self._idle + self._timestep, 0.0)
+            braked = still & (self._idle >= self._delay)
+            angles = qpos[self._angles]
+            kept = np.where(np.isnan(self._hold), angles, self._hold)
+            self._hold = np.where(braked, kept, np.nan)
+            back = np.clip(HOLD_GAIN * (self._hold - angles), -HOLD_SPEED, HOLD_SPEED)
+            self._shift[self._dofs] = np.where(braked, back, self._setpoint)
+        else:
+            self._idle[:], self._hold[:] = 0.0, np.nan
+            self._shift[self._dofs] = self._setpoint
         self._moving = bool(self._shift.any())
         # While every wheel runs at its commanded speed there is nothing to update.
-        self._steady = not (change.any() or still.any())
+        self._steady = not (standing or change.any())
 
 
 class JointServos(_Servos):
