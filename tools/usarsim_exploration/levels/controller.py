@@ -28,8 +28,6 @@ _PATIENCE = 60.0
 _ENTERING = 20.0
 """s of wall time within which a robot comes into the world."""
 _TICK = b"NFO {Status Tick}"
-_SLIP = 1.6
-"""A skid steered robot turns as if its track were so much wider."""
 _HEADS = {
     b"{Type RangeScanner}": "scan",
     b"{Type GroundTruth}": "truth",
@@ -50,9 +48,13 @@ class Controller:
             to the right; none before the first. fresh: they came in the last tick.
     """
 
-    def __init__(self, host: str, port: int, name: str, kind: str) -> None:
-        """Connect; `enter` brings it into the world. kind: class of the robot."""
-        self.name, self._kind = name, kind
+    def __init__(self, host: str, port: int, name: str, kind: str, skid: float) -> None:
+        """Connect; `enter` brings it into the world.
+
+        Args:
+            kind: class of the robot. skid: it turns as if its track were so much wider.
+        """
+        self.name, self._kind, self._skid = name, kind, skid
         self.mount, self.top = 0.0, math.nan
         self._radius, self._track = 0.098, 0.36
         self.ranges: Floats = np.empty(0)
@@ -89,7 +91,7 @@ class Controller:
         """Give the wheels a speed, m/s and rad/s to the right, and let the world go on."""
         text = b""
         if drive:
-            across = turn * _SLIP * self._track / 2
+            across = turn * self._skid * self._track / 2
             left, right = (speed + across) / self._radius, (speed - across) / self._radius
             text = say("DRIVE", Left=round(left, 4), Right=round(right, 4), Normalized=False)
         try:

@@ -29,6 +29,11 @@ class Physics:
         "alone, or from the sensor GroundTruth",
     )
 
+    skid: float = field(
+        default=1.5, low=1.0, high=3.0,
+        help="how much more the wheels of such a robot turn it than it turns",
+    )  # fmt: skip
+
     @property
     def ticks(self) -> int:
         """Of a step."""

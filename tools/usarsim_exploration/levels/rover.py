@@ -13,7 +13,7 @@ from usarsim_exploration.environment import Cell
 from usarsim_exploration.levels.controller import Controller
 from usarsim_exploration.levels.driver import Driver
 from usarsim_exploration.levels.serving import OwnServer
-from usarsim_exploration.localisation import Disc, Localiser, Pose
+from usarsim_exploration.localisation import Disc, Localiser, Pose, compose, relative
 
 if TYPE_CHECKING:
     from usarsim_exploration.cycle import Body
@@ -36,7 +36,8 @@ class Rover:
     Attributes:
         pose, scanned: where it believes to be, and to have been at its newest scan. taken: pose of
             the scan that it took in last. visited: cells of this step. others: where it believes
-            the base and other robots to be.
+            the base and other robots to be. wheels, turned: newest odometry, as it was told and
+            as it should be.
     """
 
     body: Body
@@ -48,6 +49,15 @@ class Rover:
     taken: Pose | None = None
     visited: list[Cell] = field(default_factory=list)
     others: list[Disc] = field(default_factory=list)
+    wheels: Pose | None = None
+    turned: Pose = (0.0, 0.0, 0.0)
+
+    def calibrated(self, wheels: Pose, skid: float) -> Pose:
+        """What odometry would tell of a robot that does not skid; ask in the order of time."""
+        x, y, turn = relative(self.wheels or wheels, wheels)
+        self.wheels = wheels
+        self.turned = compose(self.turned, (x, y, turn / skid))
+        return self.turned
 
 
 def wire_name(name: str) -> str:

@@ -102,7 +102,7 @@ class ServerLevel:
         try:
             for number, member in enumerate(self._team):
                 kind = STATION if number == 0 else physics.robot
-                one = Controller(host, control, wire_name(member.name), kind)
+                one = Controller(host, control, wire_name(member.name), kind, physics.skid)
                 self.controllers.append(one)
                 x, y = self._middle(member.cell)
                 one.enter(x, y - self._tall, -HEIGHT[number == 0], member.heading)
@@ -274,17 +274,17 @@ class ServerLevel:
     def _locate(self, rover: Rover) -> None:
         """Where the robot believes to be now, and to have been when it scanned."""
         one, localiser = rover.controller, rover.localiser
-        if one.fresh and (then := self._told(one, seen=True)) is not None:
-            discs = self._grown(rover)
-            rover.scanned = localiser.update(then, one.ranges, one.angles, discs)
-        if (now := self._told(one)) is not None:
+        if one.fresh and (then := self._told(rover, seen=True)) is not None:
+            rover.scanned = localiser.update(then, one.ranges, one.angles, rover.others)
+        if (now := self._told(rover)) is not None:
             rover.pose = localiser.update(now)
 
-    def _told(self, one: Controller, *, seen: bool = False) -> Pose | None:
+    def _told(self, rover: Rover, *, seen: bool = False) -> Pose | None:
         """What a robot goes by, now or at its newest scan."""
-        if self._physics.localisation != "truth":
-            return one.odometry(seen=seen)
-        return self._true(one, seen=seen)
+        if self._physics.localisation == "truth":
+            return self._true(rover.controller, seen=seen)
+        wheels = rover.controller.odometry(seen=seen)
+        return wheels and rover.calibrated(wheels, self._physics.skid)
 
     def _true(self, one: Controller, *, seen: bool = False) -> Pose | None:
         told = one.truth(seen=seen)
