@@ -60,7 +60,7 @@ def _glance(found: Agreement) -> str:
         below = sum(gap < WANTED for gap in gaps)
         told.append(
             f"At equal distance coverage differs by {number(max(gaps))} percent points at most; by "
-            f"less than {WANTED:.0f} for {below} of {len(gaps)} strategies in settings."
+            f"less than {WANTED:.0f} in {below} of {len(gaps)} pairs of setting and strategy."
         )
     for goal, (tau, between) in found.over_all.items():
         told.append(f"{title(goal)}: tau {number(tau)} ({_between(between)}).")
