@@ -181,7 +181,9 @@ def played() -> tuple[list[str], Run]:
 
 
 def test_a_run_over_the_ports_of_a_server(monkeypatch: pytest.MonkeyPatch) -> None:
-    """E-81, E-82, EXP-03, EXP-07, EXP-08: robots of a server, twice the same, by two ports only.
+    """E-81, E-82, EXP-03, EXP-07, EXP-08, EXP-16: robots of a server, twice the same.
+
+    By two ports only, and with a map without an error of half a cell though odometry drifts.
 
     Every connection goes to the robots' port, the wireless one, or a road that the wireless server
     gave; a radio that is out is not linked; the others go on without a robot that fails.
@@ -205,7 +207,10 @@ def test_a_run_over_the_ports_of_a_server(monkeypatch: pytest.MonkeyPatch) -> No
     history = one.result().history
     assert not history.linked_base[4:7, 1].any()
     assert history.linked_base[7:, 1].all()
-    assert measure(history)["lost"] == ["R2"]
+    found: dict[str, Any] = measure(history)
+    assert found["lost"] == ["R2"]
+    assert 0.0 < found["map_error"] < one.cycle.environment.cell / 2
+    assert found["position_error"] < 0.1 < found["odometry_drift"]
     assert history.distance[-1, 1] > history.distance[8, 1] > 20.0
     assert history.distance[-1, 2] == history.distance[8, 2]
     assert history.free_team[-1] > 1.5 * history.free_team[0]

@@ -134,6 +134,20 @@ def test_moving_robots() -> None:
     assert errors(follow(world, poses, robots=robots, known=1)).max() < 0.3
 
 
+def test_found_again() -> None:
+    """Blind while it turns, by odometry that is 40 degrees off then, it knows where it is after."""
+    world, base = find("lab").environment, find("lab").base
+    x, y = ((place + 0.5) * world.cell for place in base)
+    poses = [(x, y, 0.1 * step) for step in range(35)]
+    ranges = [read(world, pose, REACH) for pose in poses]
+    localiser = Localiser("scan-matching", poses[0], (20.0, 15.0), REACH)
+    for number, (pose, one) in enumerate(zip(poses, ranges, strict=True)):
+        seen = np.full_like(one, math.nan) if 15 <= number < 30 else one
+        believed = localiser.update((0.0, 0.0, 1.49 * pose[2]), seen, FAN)
+    assert believed[:2] == pytest.approx(pose[:2], abs=0.05)
+    assert math.remainder(believed[2] - pose[2], 2 * math.pi) == pytest.approx(0.0, abs=0.02)
+
+
 def test_truth_is_taken_as_it_is() -> None:
     """And scans need not be told; the same calls give the same poses."""
     localiser = Localiser("truth", (1.0, 2.0, 0.5), (10.0, 10.0), 8.0)

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from usarsim_exploration.localisation.matching import match
+from usarsim_exploration.localisation.matching import FEWEST, match
 from usarsim_exploration.localisation.point_map import PointMap
 from usarsim_exploration.localisation.poses import Disc, Pose, compose, relative
 from usarsim_exploration.localisation.surfaces import Floats, surfaces
@@ -22,6 +22,10 @@ _NEAR = 15.0
 """Walls are matched as far from the robot as this, m."""
 _AROUND = 2.0
 """Around what the last scan of the map saw, walls are matched, too, m."""
+_VAGUE = 1.0
+"""Robots whose places are less certain are not taken out of scans, m: too much would go."""
+_BLIND = 2.0
+"""Way without a match after which the surroundings are taken for new ones, m."""
 _STANDING = 0.005, 0.003
 """Standard deviation of odometry that did not move, m and rad."""
 _BY_WAY = 0.15, 0.05
@@ -54,7 +58,7 @@ class Localiser:
         self.mode, self.pose, self.beams = mode, start, 0
         self._reach, self._mount = reach, mount
         self._odometry: Pose | None = None
-        self._way = self._turn = 0.0  # since the last scan
+        self._way = self._turn = 0.0  # since the last match
         self._kept: Pose | None = None
         self._walls = PointMap(size)
 
@@ -78,7 +82,7 @@ class Localiser:
             ranges: (n,) of a scan, m; NaN is ignored. It has to be of the same time as odometry:
                 leave out a scan that was told before. Without one odometry goes on.
             angles: (n,) in order, rad; 0 is ahead of the scanner, positive towards y.
-            robots: where others are believed to be, and how uncertain that is.
+            robots: where others are believed to be; none of whom little is certain counts.
         """
         motion = relative(self._odometry or odometry, odometry)
         self._odometry = odometry
@@ -100,14 +104,19 @@ class Localiser:
         points, normals = surfaces(ranges, angles, min(self._reach, _NEAR))
         good = np.isfinite(normals).all(axis=1)
         for x, y, radius in robots:
+            if radius > _VAGUE:
+                continue
             seen = relative(self.scanner, (x, y, 0.0))
             good &= np.hypot(*(points - seen[:2]).T) > radius
         points, normals = points[good], normals[good]
         if self._kept is not None:
             found = match(self._walls, points, normals, self.scanner, self._doubt())
-            self._way = self._turn = 0.0
             self.beams = found.beams
             self.pose = compose(found.pose, relative(self._mount, (0.0, 0.0, 0.0)))
+            if found.beams >= FEWEST:
+                self._way = self._turn = 0.0
+            elif self._way < _BLIND:
+                return  # what was seen from a doubtful place would spoil the map
             x, y, turn = relative(self._kept, self.pose)
             if math.hypot(x, y) < _KEEP_WAY and abs(turn) < _KEEP_TURN:
                 return
@@ -123,7 +132,7 @@ class Localiser:
         self._walls.prepare(around.min(axis=0) - _AROUND, around.max(axis=0) + _AROUND)
 
     def _doubt(self) -> tuple[float, float]:
-        """Standard deviation of odometry since the last scan: place, m, and heading, rad."""
+        """Standard deviation of odometry since the last match: place, m, and heading, rad."""
         place, heading = (
             still + by_way * self._way + by_turn * self._turn
             for still, by_way, by_turn in zip(_STANDING, _BY_WAY, _BY_TURN, strict=True)

@@ -25,13 +25,13 @@ _ALIKE = 0.8
 """Cosine of the angle between surfaces that can be the same."""
 _STILL = 5e-4
 """Steps below this, m and rad, end it."""
-_FEWEST = 12
+FEWEST = 12
 """Beams on known walls without which odometry alone is right."""
 
 _CERTAIN = 0.03
 """Headings that are known better than this are not searched, rad."""
-_TRIED = np.array([0.0, -0.5, 0.5, -1.0, 1.0, -1.5, 1.5, -2.0, 2.0])
-"""Headings that are, in standard deviations; the first of equals is taken."""
+_APART, _MOST = 0.05, 20
+"""Headings that are tried on either side: so far apart, rad, as there are not too many."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ def match(
         away = placed - nearest
         found &= ((facing * across).sum(axis=1) > _ALIKE) & ((away * away).sum(axis=1) < gate**2)
         beams = int(np.count_nonzero(found))
-        if beams < _FEWEST:
+        if beams < FEWEST:
             return Match(guess, beams, 0.0)
         arms, across, away = arms[found], across[found], away[found]
         rest = (across * away).sum(axis=1)
@@ -90,7 +90,9 @@ def _turned(
     """The heading, rad, of some around the guess with which most beams lie on known walls."""
     if deviation < _CERTAIN:
         return guess[2]
-    headings = guess[2] + deviation * _TRIED
+    count = min(math.ceil(2 * deviation / _APART), _MOST)
+    shifts = 2 * deviation * np.arange(-count, count + 1) / count
+    headings = guess[2] + shifts[np.argsort(abs(shifts), kind="stable")]  # the first of equals
     cosines, sines = np.cos(headings), np.sin(headings)
     turns = np.array([[cosines, sines], [-sines, cosines]]).transpose(2, 0, 1)
     placed, facing = points @ turns + guess[:2], (normals @ turns).reshape(-1, 2)
