@@ -26,6 +26,8 @@ LOOK = 12
 """Cells of the way to a frontier that need not be held, since it sees over them."""
 _TRIES = 4
 """Ways that are looked for over cells that may be held, until one is."""
+MOST = 64
+"""Places that are judged for each relay, those near goals first."""
 _BATCH = 8
 """Places that are judged at once."""
 _AROUND = np.ones((5, 5), np.uint8)
@@ -218,7 +220,7 @@ def chain(
                 gains = ((heard > 0) @ value).tolist()
                 rows = zip(gains, near.tolist(), cells.tolist(), strict=True)
                 places += [(-gain, away, (c, r), before) for gain, away, (c, r) in rows]
-        places.sort(key=lambda one: one[:3])
+        places = sorted(places, key=lambda one: one[:3])[:MOST]
         level = []
         for group in (places[at : at + _BATCH] for at in range(0, len(places), _BATCH)):
             if group[0][0] == 0.0 and depth + 1 == most:

@@ -67,6 +67,8 @@ class RangeConstrained(Strategy):
         self._leaving = self._idle = self._stuck = False
         self._judged: tuple[object, ...] = ()
         self._masks: dict[tuple[int, tuple[Cell, ...]], NDArray[np.uint8]] = {}
+        self._asked: tuple[list[Cell], int] = [], 0
+        """With which anchors, and when, it last found no frontier in reach."""
         self._since = 0
         """Since when others can count on it."""
         self._task: Cell | None = None
@@ -186,9 +188,12 @@ class RangeConstrained(Strategy):
         self._task = None
         frontiers = find_frontiers(view.known)
         aims = self._bidding.aims(view, frontiers, self.considered)
-        plan = self._explore(view, aims)
-        if plan is not None:
-            return plan
+        asked, since = self._asked
+        if not said or asked != self._anchors or view.step - since >= self.replan:
+            plan = self._explore(view, aims)
+            if plan is not None:
+                return plan
+            self._asked = list(self._anchors), view.step
         self._idle = True
         mates = _mates(view)
         if not said or any(mate.state == "relay" and not _parked(mate) for mate in mates):
