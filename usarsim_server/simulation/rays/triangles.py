@@ -14,11 +14,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from embreex import rtcore_scene
-from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.frames import Array, Numbers
-from usarsim_server.simulation.rays.instances import device, show_to_all
+from usarsim_server.simulation.rays.instances import add_mesh, device
 
 TOLERANCE = 5e-4
 """m between a tessellated and the true surface."""
@@ -93,8 +92,7 @@ class TriangleScene:
         """Embree's scene; None if there is no surface at all."""
         if len(faces):
             self.embree = rtcore_scene.EmbreeScene(device())
-            TriangleMesh(self.embree, faces.astype(np.float32))
-            show_to_all(self.embree)
+            add_mesh(self.embree, faces.astype(np.float32))
             # The first ray builds the tree; let nobody wait for that later.
             self.embree.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
         self._normals = _normals(faces)
