@@ -3,8 +3,8 @@
 A cell is of a frontier if it is free and beside an unknown one (Yamauchi, "A frontier-based
 approach for autonomous exploration", CIRA 1997); connected ones are one frontier. MRESim takes
 cells that are not yet certain as well, and counts outlines that touch unknown space (exploration
-reference 7): robots then sweep through rooms that they saw whole. On an office of 505 x 304 cells
-four of them know 99 % after 750 steps by the first rule, and 53 % by the second.
+reference 7): robots then visit what they saw from afar. In an office of 505 x 304 cells four of
+them know 90 % after 185 steps by the first rule and 195 by the second, means of five starts.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -94,6 +96,12 @@ class _Ranges:
         return low
 
 
+@lru_cache(maxsize=16)
+def _ranges(radio: Radio, reach: float, cell: float) -> _Ranges:
+    """Those of all robots with equal radios: outlines ask the same again and again."""
+    return _Ranges(radio, reach, cell)
+
+
 def outline(
     radio: Radio,
     environment: Environment,
@@ -116,7 +124,7 @@ def outline(
     open_ = np.arange(directions)
     values, start = environment.walls * np.uint8(2), 1
     far = float(radio.reach(np.array([reach]), np.array([reach]))[0])
-    ranges = _Ranges(radio, far, environment.cell)
+    ranges = _ranges(radio, far, environment.cell)
     while len(open_):
         along = np.arange(start, start + _CHUNK)
         cells = np.floor(np.array(cell) + ways[open_, None] * along[:, None] + 0.5).astype(np.int64)
