@@ -257,6 +257,13 @@ def test_a_team_on_a_tether_does_not_stand_about(name: str, most: int) -> None:
     assert cycle.bodies[0].view.known.free > 0.2 * cycle.environment.free
 
 
+@pytest.mark.parametrize("name", ["leader-follower", "range-constrained"])
+def test_one_robot_explores_as_far_as_the_base_hears(name: str) -> None:
+    """EXP-18: without anybody to be its relay it does not give up at the start."""
+    cycle = begin(TYPES.find(name, "here")(), rooms(), [(10, 8), (12, 8)], Circle(), 24.0)
+    assert finish(cycle, 300) > 0.25
+
+
 def test_a_way_within_reach_goes_round() -> None:
     """EXP-18: who cannot go back the short way without losing its link goes another one."""
     cycle = begin(TYPES.find("nearest", "here")(), rooms(), [(20, 15), (22, 15)], Circle(), 20.0)

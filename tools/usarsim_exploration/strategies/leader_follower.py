@@ -17,7 +17,7 @@ from usarsim_exploration.bidding import Bidding
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.frontiers import find_frontiers
 from usarsim_exploration.planning import Path
-from usarsim_exploration.relays import chain
+from usarsim_exploration.relays import chain, ways_within
 from usarsim_exploration.strategy import (
     BASE,
     Letter,
@@ -165,6 +165,9 @@ class LeaderFollower(Strategy):
     def _post(self, view: View, goal: Cell) -> bool:
         """Name a post for each follower, as few as it takes; False: there are too few of them."""
         if goal == self._goal:
+            return True
+        if ways_within(view, [goal], [view.base]):
+            self._posts = []
             return True
         followers = sum(number in view.linked for number in view.teammates if number != BASE)
         slack = 2.0 * view.speed
