@@ -166,10 +166,9 @@ class LeaderFollower(Strategy):
         """Name a post for each follower, as few as it takes; False: there are too few of them."""
         if goal == self._goal:
             return True
-        if ways_within(view, [goal], [view.base]):
-            self._posts = []
-            return True
         followers = sum(number in view.linked for number in view.teammates if number != BASE)
+        if not followers:
+            return bool(ways_within(view, [goal], [view.base]))
         slack = 2.0 * view.speed
         posts = chain(view, [view.base], [goal], [1.0], followers, slack)
         if posts is None:
