@@ -22,6 +22,7 @@ from usarsim_exploration.levels.controller import DeadError
 from usarsim_exploration.levels.driver import Driver
 from usarsim_exploration.levels.opening import open_level
 from usarsim_exploration.levels.route import route
+from usarsim_exploration.levels.rover import Reckoning
 from usarsim_exploration.levels.server import ServerLevel
 from usarsim_exploration.levels.serving import wireless
 from usarsim_exploration.levels.wire import decode, encode
@@ -112,6 +113,19 @@ def test_a_driver_stops_before_what_it_sees() -> None:
     driver.follow([(0.1 * n, 0.0) for n in range(20)], 0.0, ends=True)
     assert driver.steer((0.0, 0.0, 0.0), np.array([[3.0, 0.0]]), False)[0] == pytest.approx(0.5)
     assert driver.steer((0.0, 0.0, 0.0), np.array([[0.35, 0.1]]), False)[0] < 0.1
+
+
+def test_an_ins_counts_more_than_wheels() -> None:
+    """Held by a wall, wheels go on turning; between two readings of the INS they have to do."""
+    told = Reckoning()
+    assert told.update((1.0, 1.0, 0.0), 1.5) == (0.0, 0.0, 0.0)
+    told.update((1.0, 1.0, 0.3), 1.5, (5.0, 5.0, math.pi / 2))  # skids: 0.2 rad
+    held = told.update((2.0, 1.0, 3.0), 1.5, (5.0, 5.0, math.pi / 2))
+    assert held == pytest.approx((0.0, 0.0, 0.2))
+    turned = told.update((2.0, 1.0, 3.15), 1.5)
+    assert turned == pytest.approx((0.0, 0.0, 0.3))
+    driven = told.update((2.0, 1.0, 3.15), 1.5, (5.0, 7.0, math.pi / 2))
+    assert driven == pytest.approx((2 * math.cos(0.2), 2 * math.sin(0.2), 0.2))
 
 
 def test_messages_are_the_same_at_the_other_end() -> None:

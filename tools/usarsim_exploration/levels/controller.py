@@ -11,7 +11,7 @@ import numpy as np
 from usarsim_client import BlockingConnection, HangupError, decode
 from usarsim_client.commands import say
 from usarsim_client.inbox import Line
-from usarsim_client.readings import GroundTruth, LaserScan, Odometry
+from usarsim_client.readings import INS, GroundTruth, LaserScan, Odometry
 from usarsim_client.reports import (
     Event,
     Geometry,
@@ -32,6 +32,7 @@ _HEADS = {
     b"{Type RangeScanner}": "scan",
     b"{Type GroundTruth}": "truth",
     b"{Type Odometry}": "odometry",
+    b"{Type INS}": "inertial",
 }
 
 
@@ -60,7 +61,7 @@ class Controller:
         self.ranges: Floats = np.empty(0)
         self.angles: Floats = np.empty(0)
         self.fresh = False
-        self._lines: dict[str, list[bytes]] = {}
+        self._lines: dict[str, list[tuple[bytes, bytes]]] = {}  # by kind: time and line
         self._seen = b""
         self.link = BlockingConnection(port, host, _PATIENCE)
 
@@ -109,8 +110,7 @@ class Controller:
         self._hear()
         self.fresh = "scan" in self._lines
         if self.fresh:
-            newest = self._lines["scan"][-1]
-            self._seen = _time(newest)
+            self._seen, newest = self._lines["scan"][-1]
             scan = _one(newest, LaserScan)
             if len(scan.ranges) != len(self.angles):
                 self.angles = np.asarray(scan.bearings)
@@ -136,11 +136,19 @@ class Controller:
         told = _one(line, Odometry)
         return told.x, told.y, told.theta
 
+    def inertial(self) -> Pose | None:
+        """Where its INS says that it was at the newest scan, in a frame of its own."""
+        line = self._line("inertial", seen=True)
+        if line is None:
+            return None
+        told = _one(line, INS)
+        return told.location[0], told.location[1], told.orientation[2]
+
     def _line(self, kind: str, *, seen: bool) -> bytes | None:
         lines = self._lines.get(kind, [])
         if seen:
-            lines = [one for one in lines if _time(one) == self._seen]
-        return lines[-1] if lines else None
+            lines = [one for one in lines if one[0] == self._seen]
+        return lines[-1][1] if lines else None
 
     def close(self) -> None:
         """Leave the world."""
@@ -148,11 +156,13 @@ class Controller:
             self.link.close()
 
     def _hear(self) -> None:
+        time = b""
         try:
             while not (raw := self.link.line().raw).startswith(_TICK):
+                time = _time(raw) or time  # an INS tells none: that of the line before
                 kind = next((name for mark, name in _HEADS.items() if mark in raw[:60]), "")
                 if raw.startswith(b"SEN") and kind:
-                    self._lines.setdefault(kind, []).append(raw)
+                    self._lines.setdefault(kind, []).append((time, raw))
                 elif raw[:4] in (b"CONF", b"GEO ", b"NFO "):
                     self._told(Line(raw))
         except (HangupError, OSError) as error:

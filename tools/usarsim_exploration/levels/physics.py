@@ -29,6 +29,9 @@ class Physics:
         "alone, or from the sensor GroundTruth",
     )
 
+    inertial: bool = field(
+        default=True, help="robots with an INS go by that and not by their wheels alone"
+    )
     skid: float = field(
         default=1.5, low=1.0, high=3.0,
         help="how much more the wheels of such a robot turn it than it turns",

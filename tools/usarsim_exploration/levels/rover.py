@@ -29,6 +29,40 @@ class Place:
     own: OwnServer | None = None
 
 
+class Reckoning:
+    """Where a robot would be by the motion that it feels alone; the frame keeps still.
+
+    Its INS where it tells one, its wheels between two such readings or if there are none: the wheels
+    of a robot that skids, or is held by a wall, turn further than it does.
+    """
+
+    def __init__(self) -> None:
+        """Nothing is told yet."""
+        self._wheels: Pose | None = None
+        self._turned: Pose = (0.0, 0.0, 0.0)  # by the wheels alone, corrected for skid
+        self._inertial: Pose | None = None
+        self._pose: Pose = (0.0, 0.0, 0.0)
+        self._then: Pose = (0.0, 0.0, 0.0)  # of the wheels, when `_pose` was
+
+    def update(self, wheels: Pose, skid: float, inertial: Pose | None = None) -> Pose:
+        """Where it is now; ask in the order of time.
+
+        Args:
+            wheels, inertial: as the sensors tell. skid: how much more its wheels turn it than it
+                turns.
+        """
+        x, y, turn = relative(self._wheels or wheels, wheels)
+        self._wheels = wheels
+        self._turned = compose(self._turned, (x, y, turn / skid))
+        if inertial is not None:
+            if self._inertial is None:
+                self._pose = self._turned
+            else:
+                self._pose = compose(self._pose, relative(self._inertial, inertial))
+            self._inertial, self._then = inertial, self._turned
+        return compose(self._pose, relative(self._then, self._turned))
+
+
 @dataclass(slots=True)
 class Rover:
     """A robot in the world.
@@ -36,8 +70,7 @@ class Rover:
     Attributes:
         pose, scanned: where it believes to be, and to have been at its newest scan. taken: pose of
             the scan that it took in last. visited: cells of this step. others: where it believes
-            the base and other robots to be. wheels, turned: newest odometry, as it was told and
-            as it should be.
+            the base and other robots to be. reckoning: where it would be by what it feels.
     """
 
     body: Body
@@ -49,15 +82,7 @@ class Rover:
     taken: Pose | None = None
     visited: list[Cell] = field(default_factory=list)
     others: list[Disc] = field(default_factory=list)
-    wheels: Pose | None = None
-    turned: Pose = (0.0, 0.0, 0.0)
-
-    def calibrated(self, wheels: Pose, skid: float) -> Pose:
-        """What odometry would tell of a robot that does not skid; ask in the order of time."""
-        x, y, turn = relative(self.wheels or wheels, wheels)
-        self.wheels = wheels
-        self.turned = compose(self.turned, (x, y, turn / skid))
-        return self.turned
+    reckoning: Reckoning = field(default_factory=Reckoning)
 
 
 def wire_name(name: str) -> str:

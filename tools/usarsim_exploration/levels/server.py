@@ -41,8 +41,9 @@ STATION = "ComStation"
 """Class of the base."""
 HEIGHT = 0.2, 0.5
 """m above the floor at which robots and the base come into the world."""
-_FIRST = 5.0
-"""s of simulated time within which each robot has seen something."""
+_FIRST, _STILL = 5.0, 1.0
+"""s of simulated time within which each robot has seen something, and that it stands before it
+drives: an INS follows the robot only after an interval without a turn."""
 _WIDTH = 3.5
 """Cells of 0.1 m from a robot's middle to that of the nearest wall's cell; it is 0.29 m wide."""
 _ROBOT = 0.45
@@ -132,14 +133,18 @@ class ServerLevel:
             except DeadError as error:
                 raise self._gone(error) from error
             self.time += self._physics.control
-            if all(len(one.ranges) for one in robots):
+            if self.time >= _STILL and all(len(one.ranges) for one in robots):
                 break
         size = self._shape[1] * self._cell, self._tall
         for body, one in zip(cycle.bodies[1:], robots, strict=True):
             if not len(one.ranges):
                 cure = f"{self._physics.robot} needs a RangeScanner"
                 raise ExplorationError(f"{one.name} has no laser scan ({cure})")
+            # a server that finds no room puts a robot beside; its INS begins with the truth
+            told = one.inertial() if self._physics.inertial else None
             start = (*self._middle(body.view.cell), body.member.heading)
+            if told is not None:
+                start = told[0], told[1] + self._tall, told[2]
             top = body.member.speed * self._cell / self._physics.seconds
             driver = Driver(body.view.number, top, self._physics.control)
             if math.isfinite(one.top):
@@ -275,7 +280,7 @@ class ServerLevel:
         """Where the robot believes to be now, and to have been when it scanned."""
         one, localiser = rover.controller, rover.localiser
         if one.fresh and (then := self._told(rover, seen=True)) is not None:
-            rover.scanned = localiser.update(then, one.ranges, one.angles, rover.others)
+            rover.scanned = localiser.update(then, one.ranges, one.angles, self._grown(rover))
         if (now := self._told(rover)) is not None:
             rover.pose = localiser.update(now)
 
@@ -283,8 +288,11 @@ class ServerLevel:
         """What a robot goes by, now or at its newest scan."""
         if self._physics.localisation == "truth":
             return self._true(rover.controller, seen=seen)
-        wheels = rover.controller.odometry(seen=seen)
-        return wheels and rover.calibrated(wheels, self._physics.skid)
+        one = rover.controller
+        if (wheels := one.odometry(seen=seen)) is None:
+            return None
+        inertial = one.inertial() if seen and self._physics.inertial else None
+        return rover.reckoning.update(wheels, self._physics.skid, inertial)
 
     def _true(self, one: Controller, *, seen: bool = False) -> Pose | None:
         told = one.truth(seen=seen)

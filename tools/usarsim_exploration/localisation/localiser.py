@@ -18,12 +18,15 @@ Mode = Literal["truth", "odometry", "scan-matching"]
 MODES: tuple[Mode, ...] = get_args(Mode)
 _KEEP_WAY, _KEEP_TURN = 0.25, 0.2
 """Way, m, and turn, rad, after which a scan becomes part of the map."""
+_RELY_WAY, _RELY_TURN = 0.25, 0.05
+"""Way, m, and turn, rad, for which odometry alone is good enough: its error stays below 4 cm."""
 _NEAR = 15.0
 """Walls are matched as far from the robot as this, m."""
 _AROUND = 2.0
 """Around what the last scan of the map saw, walls are matched, too, m."""
 _VAGUE = 1.0
-"""Robots whose places are less certain are not taken out of scans, m: too much would go."""
+"""Robots whose places are less certain are not taken out of scans, m: too much would go. What is
+seen there finds no wall to be matched with, since it never becomes one."""
 _BLIND = 2.0
 """Way without a match after which the surroundings are taken for new ones, m."""
 _STANDING = 0.005, 0.003
@@ -82,7 +85,8 @@ class Localiser:
             ranges: (n,) of a scan, m; NaN is ignored. It has to be of the same time as odometry:
                 leave out a scan that was told before. Without one odometry goes on.
             angles: (n,) in order, rad; 0 is ahead of the scanner, positive towards y.
-            robots: where others are believed to be; none of whom little is certain counts.
+            robots: where others are believed to be, and how far around; what is seen there never
+                becomes a wall.
         """
         motion = relative(self._odometry or odometry, odometry)
         self._odometry = odometry
@@ -96,18 +100,22 @@ class Localiser:
             beams, turns = np.asarray(ranges, float), np.asarray(angles, float)
             if len(beams) and turns[0] > turns[-1]:
                 beams, turns = beams[::-1], turns[::-1]
-            if len(beams):
+            known = self._kept is not None
+            if len(beams) and not (known and self._way < _RELY_WAY and self._turn < _RELY_TURN):
                 self._look(beams, turns, robots)
         return self.pose
 
     def _look(self, ranges: Floats, angles: Floats, robots: Sequence[Disc]) -> None:
         points, normals = surfaces(ranges, angles, min(self._reach, _NEAR))
         good = np.isfinite(normals).all(axis=1)
+        still = good.copy()  # of what does not move: only that becomes part of the map
         for x, y, radius in robots:
-            if radius > _VAGUE:
-                continue
             seen = relative(self.scanner, (x, y, 0.0))
-            good &= np.hypot(*(points - seen[:2]).T) > radius
+            away = np.hypot(*(points - seen[:2]).T) > radius
+            still &= away
+            if radius <= _VAGUE:
+                good &= away
+        lasting = still[good]
         points, normals = points[good], normals[good]
         if self._kept is not None:
             found = match(self._walls, points, normals, self.scanner, self._doubt())
@@ -127,7 +135,7 @@ class Localiser:
         free = np.where(np.isfinite(ranges), np.clip(ranges, 0.0, _NEAR), 0.0)
         self._walls.forget(scanner, free, angles)
         seen = points @ matrix + (x, y)
-        self._walls.add(seen, normals @ matrix)
+        self._walls.add(seen[lasting], (normals @ matrix)[lasting])
         around = np.vstack([seen, (x, y)])
         self._walls.prepare(around.min(axis=0) - _AROUND, around.max(axis=0) + _AROUND)
 
