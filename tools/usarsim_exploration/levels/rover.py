@@ -32,8 +32,8 @@ class Place:
 class Reckoning:
     """Where a robot would be by the motion that it feels alone; the frame keeps still.
 
-    Its INS where it tells one, its wheels between two such readings or if there are none: the wheels
-    of a robot that skids, or is held by a wall, turn further than it does.
+    Its INS where it tells one, its wheels between two such readings or if there are none: the
+    wheels of a robot that skids, or is held by a wall, turn further than it does.
     """
 
     def __init__(self) -> None:
