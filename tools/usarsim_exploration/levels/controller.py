@@ -19,7 +19,7 @@ from usarsim_client.reports import (
     VehicleGeometry,
 )
 from usarsim_exploration.errors import ExplorationError
-from usarsim_exploration.localisation.poses import Pose
+from usarsim_exploration.localisation.poses import Pose, wrap
 from usarsim_exploration.localisation.surfaces import Floats
 
 Kind = TypeVar("Kind")
@@ -27,6 +27,8 @@ _PATIENCE = 60.0
 """s of wall time that a server may take for a tick."""
 _ENTERING = 20.0
 """s of wall time within which a robot comes into the world."""
+_LEVEL = 0.025
+"""rad of pitch and roll from which a scanner 0.3 m above the floor sees that within 12 m."""
 _TICK = b"NFO {Status Tick}"
 _HEADS = {
     b"{Type RangeScanner}": "scan",
@@ -46,7 +48,7 @@ class Controller:
     Attributes:
         name: on the wire. mount: m that the scanner sits ahead of the middle.
         top: fastest speed, m/s; NaN: it does not say. ranges, angles: of the newest scan, m and rad
-            to the right; none before the first. fresh: they came in the last tick.
+            to the right; none before the first. fresh: they came in the last tick, level.
     """
 
     def __init__(self, host: str, port: int, name: str, kind: str, skid: float) -> None:
@@ -108,9 +110,10 @@ class Controller:
         """
         self._lines.clear()
         self._hear()
-        self.fresh = "scan" in self._lines
-        if self.fresh:
+        self.fresh = False
+        if "scan" in self._lines:
             self._seen, newest = self._lines["scan"][-1]
+            self.fresh = self._upright()
             scan = _one(newest, LaserScan)
             if len(scan.ranges) != len(self.angles):
                 self.angles = np.asarray(scan.bearings)
@@ -138,11 +141,17 @@ class Controller:
 
     def inertial(self) -> Pose | None:
         """Where its INS says that it was at the newest scan, in a frame of its own."""
+        told = self._ins()
+        return told and (told.location[0], told.location[1], told.orientation[2])
+
+    def _upright(self) -> bool:
+        """Whether the newest scan was level; who bumps into others pitches, and sees the floor."""
+        told = self._ins()
+        return told is None or max(abs(wrap(angle)) for angle in told.orientation[:2]) < _LEVEL
+
+    def _ins(self) -> INS | None:
         line = self._line("inertial", seen=True)
-        if line is None:
-            return None
-        told = _one(line, INS)
-        return told.location[0], told.location[1], told.orientation[2]
+        return None if line is None else _one(line, INS)
 
     def _line(self, kind: str, *, seen: bool) -> bytes | None:
         lines = self._lines.get(kind, [])
