@@ -45,7 +45,7 @@ def test_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     told = capsys.readouterr()
     lines = [json.loads(line) for line in told.out.splitlines()]
     assert [line["over"] for line in lines] == [1, 2]
-    assert {"run", "per_minute", "rest_s", "end", "failed"} <= set(lines[0])
+    assert {"run", "per_minute", "rest_s", "failed"} <= set(lines[0])
     assert "2 runs, 0 failed, 1 with an exit code other than 0" in told.err
     rows = json.loads((out / "result.json").read_text())["runs"]
     assert [row["parameters"]["gain"] for row in rows] == [0.1, 3.0]

@@ -43,16 +43,14 @@ class Progress:
             told = {
                 "run": key, "error": error, "over": over, "of": self._count,
                 "failed": self._failed, "per_minute": round(60 * rate, 2), "rest_s": round(rest, 1),
-                "end": time.strftime("%Y-%m-%dT%H:%M:%S%z", time.localtime(time.time() + rest)),
             }  # fmt: skip
             print(json.dumps(told), flush=True)
         elif self._shown:
-            end = time.strftime("%H:%M", time.localtime(time.time() + rest))
-            text = (
-                f"{over} of {self._count} runs, {60 * rate:.3g} a minute, about {span(rest)} "
-                f"to go, until {end}"
-            )
-            print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
+            pace = f"{60 * rate:.3g} a minute, ends in about {span(rest)}"
+            print(
+                f"\r\033[K{over} of {self._count} runs, {pace}",
+                end="", file=sys.stderr, flush=True,
+            )  # fmt: skip
 
     def clear(self) -> None:
         """Take the line away."""
