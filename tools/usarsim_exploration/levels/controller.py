@@ -142,7 +142,9 @@ class Controller:
     def inertial(self) -> Pose | None:
         """Where its INS says that it was at the newest scan, in a frame of its own."""
         told = self._ins()
-        return told and (told.location[0], told.location[1], told.orientation[2])
+        if told is None:
+            return None
+        return told.location[0], told.location[1], told.orientation[2]
 
     def _upright(self) -> bool:
         """Whether the newest scan was level; who bumps into others pitches, and sees the floor."""

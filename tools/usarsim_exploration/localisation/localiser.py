@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from usarsim_exploration.localisation.matching import FEWEST, match
 from usarsim_exploration.localisation.point_map import PointMap
@@ -107,7 +107,7 @@ class Localiser:
 
     def _look(self, ranges: Floats, angles: Floats, robots: Sequence[Disc]) -> None:
         points, normals = surfaces(ranges, angles, min(self._reach, _NEAR))
-        good = np.isfinite(normals).all(axis=1)
+        good: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(normals), axis=1)
         still = good.copy()  # of what does not move: only that becomes part of the map
         for x, y, radius in robots:
             seen = relative(self.scanner, (x, y, 0.0))
