@@ -146,6 +146,14 @@ class Controller:
             return None
         return told.location[0], told.location[1], told.orientation[2]
 
+    def align(self) -> None:
+        """Have its INS begin where it is; unasked, that waits until the robot stands still."""
+        told = self._ins()
+        if told is not None:
+            pose = (*told.location, *told.orientation)
+            line = say("SET", Type="INS", Name=told.name, Opcode="POSE", Params=pose)
+            self.link.send(line)
+
     def _upright(self) -> bool:
         """Whether the newest scan was level; who bumps into others pitches, and sees the floor."""
         told = self._ins()

@@ -27,7 +27,14 @@ from usarsim_exploration.levels.route import SNAP, route
 from usarsim_exploration.levels.rover import Place, Rover, disc_cells, wire_name
 from usarsim_exploration.levels.serving import cutoff
 from usarsim_exploration.levels.wire import decode, encode
-from usarsim_exploration.localisation import Disc, Localiser, Pose, rasterise
+from usarsim_exploration.localisation import (
+    INERTIAL,
+    WHEELS,
+    Disc,
+    Localiser,
+    Pose,
+    rasterise,
+)
 from usarsim_exploration.localisation.poses import wrap
 from usarsim_exploration.measures.reality import Ways, of_map
 from usarsim_exploration.post import Message
@@ -42,8 +49,7 @@ STATION = "ComStation"
 HEIGHT = 0.2, 0.5
 """m above the floor at which robots and the base come into the world."""
 _FIRST, _STILL = 5.0, 1.0
-"""s of simulated time within which each robot has seen something, and that it stands before it
-drives: an INS follows the robot only after an interval without a turn."""
+"""s of simulated time within which each robot has seen something, and that it stands before."""
 _WIDTH = 3.5
 """Cells of 0.1 m from a robot's middle to that of the nearest wall's cell; it is 0.29 m wide."""
 _ROBOT = 0.45
@@ -141,6 +147,7 @@ class ServerLevel:
                 cure = f"{self._physics.robot} needs a RangeScanner"
                 raise ExplorationError(f"{one.name} has no laser scan ({cure})")
             # a server that finds no room puts a robot beside; its INS begins with the truth
+            one.align()
             told = one.inertial() if self._physics.inertial else None
             start = (*self._middle(body.view.cell), body.member.heading)
             if told is not None:
@@ -151,7 +158,8 @@ class ServerLevel:
                 driver.limit(one.top)
             reach = body.member.reach * self._cell
             mode, mount = self._physics.localisation, (one.mount, 0.0, 0.0)
-            localiser = Localiser(mode, start, size, reach, mount)
+            motion = INERTIAL if told is not None else WHEELS
+            localiser = Localiser(mode, start, size, reach, mount, motion)
             self._rovers.append(Rover(body, one, driver, localiser, start, start))
         self._begun = self.time
         for rover in self._rovers:

@@ -9,8 +9,18 @@ towards y. So a pose in the wire frame of a server that runs a world of `worlds.
 same x and heading, and its y is less by the height of the world.
 """
 
-from usarsim_exploration.localisation.localiser import MODES, Localiser, Mode
+from usarsim_exploration.localisation.localiser import (
+    INERTIAL,
+    MODES,
+    WHEELS,
+    Localiser,
+    Mode,
+    Motion,
+)
 from usarsim_exploration.localisation.poses import Disc, Pose, compose, relative
 from usarsim_exploration.localisation.rasterising import rasterise
 
-__all__ = ["MODES", "Disc", "Localiser", "Mode", "Pose", "compose", "rasterise", "relative"]
+__all__ = [
+    "INERTIAL", "MODES", "WHEELS", "Disc", "Localiser", "Mode", "Motion", "Pose", "compose",
+    "rasterise", "relative",
+]  # fmt: skip

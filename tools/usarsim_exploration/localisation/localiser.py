@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,12 +29,23 @@ _VAGUE = 1.0
 seen there finds no wall to be matched with, since it never becomes one."""
 _BLIND = 2.0
 """Way without a match after which the surroundings are taken for new ones, m."""
-_STANDING = 0.005, 0.003
-"""Standard deviation of odometry that did not move, m and rad."""
-_BY_WAY = 0.15, 0.05
-"""How much more by way driven, m and rad by m."""
-_BY_TURN = 0.05, 0.35
-"""How much more by turn, m and rad by rad: wheels that skid count turns half as long again."""
+
+
+class Motion(NamedTuple):
+    """How far motion that a robot feels can be trusted: standard deviations of a pose by it.
+
+    Attributes:
+        place: m while it stands, by m of way, and by rad of turn. heading: rad, likewise.
+    """
+
+    place: tuple[float, float, float]
+    heading: tuple[float, float, float]
+
+
+WHEELS = Motion((0.005, 0.15, 0.05), (0.003, 0.05, 0.35))
+"""Wheels that skid count turns half as long again."""
+INERTIAL = Motion((0.01, 0.05, 0.02), (0.01, 0.02, 0.08))
+"""An INS with the noise of shipped robots, rounded to 1 cm and 0.01 rad."""
 
 
 class Localiser:
@@ -52,14 +63,15 @@ class Localiser:
         size: tuple[float, float],
         reach: float,
         mount: Pose = (0.0, 0.0, 0.0),
+        motion: Motion = WHEELS,
     ) -> None:
         """Args:
         mode: `truth` and `odometry` need no scans. start: where the robot stands at first.
         size: of the world, x and y, m. reach: of the scanner, m; readings from there on hit
-            nothing. mount: pose of the scanner on the robot.
+            nothing. mount: pose of the scanner on the robot. motion: how good odometry is.
         """
         self.mode, self.pose, self.beams = mode, start, 0
-        self._reach, self._mount = reach, mount
+        self._reach, self._mount, self._motion = reach, mount, motion
         self._odometry: Pose | None = None
         self._way = self._turn = 0.0  # since the last match
         self._kept: Pose | None = None
@@ -143,6 +155,6 @@ class Localiser:
         """Standard deviation of odometry since the last match: place, m, and heading, rad."""
         place, heading = (
             still + by_way * self._way + by_turn * self._turn
-            for still, by_way, by_turn in zip(_STANDING, _BY_WAY, _BY_TURN, strict=True)
+            for still, by_way, by_turn in self._motion
         )
         return place, heading
