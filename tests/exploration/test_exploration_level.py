@@ -8,17 +8,20 @@ import json
 import math
 import socket
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from small_world import small
 
+from usarsim_client.inbox import Line
 from usarsim_exploration.commands import run as run_command
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.history import History
 from usarsim_exploration.known_map import FREE, SAFE, WALL
-from usarsim_exploration.levels.controller import DeadError
+from usarsim_exploration.levels import controller
+from usarsim_exploration.levels.controller import Controller, DeadError
 from usarsim_exploration.levels.driver import Driver
 from usarsim_exploration.levels.opening import open_level
 from usarsim_exploration.levels.route import route
@@ -126,6 +129,27 @@ def test_an_ins_counts_more_than_wheels() -> None:
     assert turned == pytest.approx((0.0, 0.0, 0.3))
     driven = told.update((2.0, 1.0, 3.15), 1.5, (5.0, 7.0, math.pi / 2))
     assert driven == pytest.approx((2 * math.cos(0.2), 2 * math.sin(0.2), 0.2))
+
+
+def test_who_pitches_sees_the_floor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its scan is left out; angles of the wire are from 0 to 2 pi, and an INS tells no time."""
+    lines: list[bytes] = []
+    link = SimpleNamespace(line=lambda: Line(lines.pop(0)))
+    monkeypatch.setattr(controller, "BlockingConnection", lambda *_: link)
+    one = Controller("", 0, "R1", "P3AT", 1.5)
+    for pitch, fresh in (("6.28", True), ("0.04", False)):
+        lines += [
+            b"SEN {Time 1.0000} {Type Odometry} {Name Odometer} {Pose 0.0,0.0,0.0}\r\n",
+            b"SEN {Type INS} {Name InsTest} {Location 1.00,2.00,0.00} "
+            b"{Orientation 0.00," + pitch.encode() + b",3.00}\r\n",
+            b"SEN {Time 1.0000} {Type RangeScanner} {Name lms200} {Resolution 1.5} {FOV 3.0} "
+            b"{Range 1.00,2.00,3.00}\r\n",
+            b"NFO {Status Tick} {Time 1.1000}\r\n",
+        ]
+        one.collect()
+        assert one.fresh is fresh
+        assert one.inertial() == (1.0, 2.0, 3.0)
+        assert one.ranges.tolist() == [1.0, 2.0, 3.0]  # nobody drives into what it sees
 
 
 def test_messages_are_the_same_at_the_other_end() -> None:
