@@ -77,18 +77,15 @@ class Game:
         if worlds < 1:
             raise ExplorationError(f"worlds: {worlds} (write a number from 1)")
         options = () if robots is None else (f"team.robots={robots}",)
-        content = scenario
         self._path: Path | None = None
         if isinstance(scenario, str | Path):
             self._path = Path(scenario)
             first = load(self._path, options)
-            content = first.content
         else:
             first = read(merge(scenario, options))
-            content = first.content
         self._scenarios: dict[int, Scenario] = {0: first}
-        self._content: Tables = content
-        place = content["environment"]
+        self._content: Tables = first.content
+        place = self._content["environment"]
         assert isinstance(place, Mapping)
         if worlds > 1 and "generator" not in place:
             problem = "only a generator draws several (write environment.generator)"

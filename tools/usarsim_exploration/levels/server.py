@@ -147,10 +147,10 @@ class ServerLevel:
                 cure = f"{self._physics.robot} needs a RangeScanner"
                 raise ExplorationError(f"{one.name} has no laser scan ({cure})")
             # a server that finds no room puts a robot beside; its INS begins with the truth
-            one.align()
             told = one.inertial() if self._physics.inertial else None
             start = (*self._middle(body.view.cell), body.member.heading)
             if told is not None:
+                one.align()
                 start = told[0], told[1] + self._tall, told[2]
             top = body.member.speed * self._cell / self._physics.seconds
             driver = Driver(body.view.number, top, self._physics.control)
