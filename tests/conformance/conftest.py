@@ -14,3 +14,4 @@ def own_ports() -> Iterator[Mapping[str, int]]:
     """Ports by service of our own server, whose time passes as fast as the machine goes."""
     with OwnServer("--speed", "max") as server:
         yield server.ports
+        assert not server.died, server.said
