@@ -113,11 +113,12 @@ def test_a_session_runs_unattended(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     )
     (tmp_path / "late.toml").write_text("[link]\ndelay_ms = 1\n")
     meanwhile = Crowd.meanwhile
+    others = set(psutil.Process().children(recursive=True))  # servers that further tests share
 
     async def deadly(self: Crowd, attempt: Attempt, row: TruthRow) -> None:
         await meanwhile(self, attempt, row)
         if (attempt.task.number, attempt.step.attempt) == (2, 1) and row.time > 0.5:
-            for one in psutil.Process().children(recursive=True):
+            for one in {*psutil.Process().children(recursive=True)} - others:
                 one.kill()
 
     monkeypatch.setattr(Crowd, "meanwhile", deadly)
