@@ -16,6 +16,7 @@ from usarsim_exploration.known_map import MERGED
 from usarsim_exploration.sensing import Scanner
 
 compiled = pytest.importorskip("usarsim_exploration.kernels.compiled")
+compiled_linking = pytest.importorskip("usarsim_exploration.kernels.linking")
 compiled_looking = pytest.importorskip("usarsim_exploration.kernels.looking")
 compiled_trading = pytest.importorskip("usarsim_exploration.kernels.trading")
 
@@ -126,6 +127,21 @@ def test_lines_agree(seed: int) -> None:
     values = random.integers(0, 3, (20, 30)).astype(np.uint8)
     pairs = np.stack([random.integers(0, 30 if i % 2 == 0 else 20, 25) for i in range(4)], axis=1)
     assert (compiled.crossings(values, pairs) == plain.crossings(values, pairs)).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32), st.sampled_from([0.0, 2.5]), st.booleans(), st.integers(0, 9))
+def test_expected_links_agree(seed: int, slack: float, by_cells: bool, unknown: int) -> None:
+    """Which links can be counted upon, whether lines are followed to their end or not."""
+    random = np.random.default_rng(seed)
+    bits = random.choice([0, 1, 3, 4, 6], (20, 30), p=[0.1, 0.6, 0.2, 0.05, 0.05]).astype(np.uint8)
+    cells, others = (random.integers(0, (30, 20), (count, 2)) for count in (25, 4))
+    ranges = np.sort(random.uniform(0.0, 30.0, random.integers(1, 6)))[::-1].copy()
+    rest = cells, others, slack, ranges, by_cells, 3, unknown
+    one, other = (form.expected(bits, *rest, False) for form in (compiled_linking, plain))
+    assert (one == other).all()
+    any_ = compiled_linking.expected(bits, *rest, True).any(axis=1)
+    assert (any_ == other.any(axis=1)).all()
 
 
 @settings(max_examples=60, deadline=None)

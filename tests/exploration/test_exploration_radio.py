@@ -69,7 +69,7 @@ def test_a_robot_expects_less() -> None:
 
     def reaches(away: int) -> bool:
         known.version += 1
-        return bool(expects.reaches(np.array([[2, 1, 2 + away, 1]]))[0])
+        return bool(expects.reaches(np.array([[2, 1]]), np.array([[2 + away, 1]]))[0, 0])
 
     assert reaches(181)
     assert not reaches(182)

@@ -152,7 +152,7 @@ def test_two_places_hear_each_other() -> None:
     assert meeting.relay_place != meeting.place
 
     def near(cell: tuple[int, int], other: tuple[int, int]) -> bool:
-        return bool(explorer.radio.reaches(np.array([[*cell, *other]]))[0])
+        return bool(explorer.radio.reaches(np.array([cell]), np.array([other]))[0, 0])
 
     assert near(meeting.relay_place, meeting.place)
     cells = [(int(c), int(r)) for c, r in sampled(explorer, 30.0)]

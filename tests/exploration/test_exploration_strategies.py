@@ -306,12 +306,12 @@ def test_links_through_the_unknown_count_for_the_worst() -> None:
     view = cycle.bodies[1].view
     view.known.bits[:] = FREE
     view.known.version += 1
-    pairs = np.array([[4, 4, 70, 4], [4, 4, 14, 4]])
-    assert view.radio.reaches(pairs, unknown=3).all()
+    ends = np.array([[4, 4]]), np.array([[70, 4], [14, 4]])
+    assert view.radio.reaches(*ends, unknown=3).all()
     view.known.bits[:, 8:13] = 0
     view.known.version += 1
-    assert view.radio.reaches(pairs).all()
-    assert view.radio.reaches(pairs, unknown=3).tolist() == [False, True]
+    assert view.radio.reaches(*ends).all()
+    assert view.radio.reaches(*ends, unknown=3).tolist() == [[False, True]]
 
 
 def test_who_stands_with_its_back_to_the_base_turns() -> None:

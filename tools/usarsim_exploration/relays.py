@@ -28,8 +28,6 @@ _TRIES = 4
 """Ways that are looked for over cells that may be held, until one is."""
 MOST = 64
 """Places that are judged for each relay, those near goals first."""
-_BATCH = 8
-"""Places that are judged at once."""
 _AROUND = np.ones((5, 5), np.uint8)
 """Cells of the lattice from which a goal is seen."""
 
@@ -69,10 +67,7 @@ class Lattice:
     ) -> NDArray[np.bool_]:
         """Which cells, its own or (n, 2), have a link to places that counts, (places, n)."""
         cells = self.cells if cells is None else cells
-        others = np.repeat(places, len(cells), axis=0)
-        pairs = np.hstack([np.tile(cells, (len(places), 1)), others])
-        good = self._view.radio.reaches(pairs, slack=slack, unknown=UNKNOWN)
-        return good.reshape(len(places), len(cells))
+        return self._view.radio.reaches(cells, places, slack=slack, unknown=UNKNOWN).T
 
     def around(self, cell: Cell, mask: Mask) -> Mask:
         """Those of a mask that a robot gets to from a cell, over no others."""
@@ -222,15 +217,13 @@ def chain(
                 places += [(-gain, away, (c, r), before) for gain, away, (c, r) in rows]
         places = sorted(places, key=lambda one: one[:3])[:MOST]
         level = []
-        for group in (places[at : at + _BATCH] for at in range(0, len(places), _BATCH)):
-            if group[0][0] == 0.0 and depth + 1 == most:
+        for minus, _, cell, before in places:
+            if minus == 0.0 and depth + 1 == most:
                 break
-            links = lattice.linked(np.array([one[2] for one in group]), slack)
-            for index, (gain, _, cell, before) in enumerate(group):
-                mask = before.reach.copy()
-                mask[links[index]] = True
-                there = lattice.around(cell, mask)
-                level.append(_Place((*before.chain, cell), there))
-                if gain and lattice.covers(there, goals).any():
-                    return list(level[-1].chain)
+            mask, new = before.reach.copy(), np.flatnonzero(~before.reach)
+            links = lattice.linked(np.array([cell]), slack, lattice.cells[new])
+            mask[new[links[0]]] = True
+            level.append(_Place((*before.chain, cell), lattice.around(cell, mask)))
+            if minus and lattice.covers(level[-1].reach, goals).any():
+                return list(level[-1].chain)
     return None

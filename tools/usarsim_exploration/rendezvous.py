@@ -167,9 +167,8 @@ def multi_point(view: View, relay: Teammate, goal: Cell, density: float) -> Meet
 
 def reaching(view: View, cells: Cells, place: Cell) -> NDArray[np.bool_]:
     """From which cells a robot expects to be heard at a place; there itself at least."""
-    pairs = np.concatenate([cells, np.broadcast_to(np.array(place), cells.shape)], axis=1)
     same: NDArray[np.bool_] = (cells == place).all(axis=1)
-    return same | view.radio.reaches(pairs)
+    return same | view.radio.reaches(cells, np.array([place]))[:, 0]
 
 
 def with_backup(view: View, relay: Teammate, meeting: Meeting, places: list[Cell]) -> Meeting:

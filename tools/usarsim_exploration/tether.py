@@ -26,29 +26,19 @@ def links(
     """
     if not cells or not others:
         return np.zeros((len(cells), len(others)), np.bool_)
-    one = np.repeat(np.array(cells, np.int64), len(others), axis=0)
-    other = np.tile(np.array(others, np.int64), (len(cells), 1))
-    pairs = np.concatenate([one, other], axis=1)
-    found = view.radio.reaches(pairs, slack=slack, unknown=UNKNOWN)
-    return found.reshape(len(cells), len(others))
+    return view.radio.reaches(np.array(cells), np.array(others), slack=slack, unknown=UNKNOWN)
 
 
 def held(
     view: View, cells: Sequence[Cell] | NDArray[np.int64], others: Sequence[Cell]
 ) -> NDArray[np.bool_]:
     """Which cells have a link to any of some others that can be counted upon, (cells,)."""
-    good = np.zeros(len(cells), np.bool_)
     if not len(cells):
-        return good
-    there = np.array(cells, np.int64)
-    away = np.hypot(*(np.array(others)[:, None] - there[[0, -1]]).transpose(2, 0, 1)).sum(axis=1)
-    for index in np.argsort(away, kind="stable").tolist():  # near ones hold most of it
-        left = np.flatnonzero(~good)
-        if not len(left):
-            break
-        end = np.broadcast_to(others[index], (len(left), 2))
-        good[left] = view.radio.reaches(np.hstack([there[left], end]), unknown=UNKNOWN)
-    return good
+        return np.zeros(0, np.bool_)
+    there, anchors = np.array(cells, np.int64), np.array(others, np.int64)
+    away = np.hypot(*(anchors[:, None] - there[[0, -1]]).transpose(2, 0, 1)).sum(axis=1)
+    nearest = np.argsort(away, kind="stable")  # they hold most of it
+    return view.radio.held(there, anchors[nearest], UNKNOWN)
 
 
 def leading(path: Path, good: NDArray[np.bool_]) -> Path:

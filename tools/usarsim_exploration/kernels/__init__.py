@@ -10,6 +10,7 @@ try:
     if os.environ.get("USARSIM_EXPLORATION_PLAIN"):
         raise ImportError
     from usarsim_exploration.kernels.compiled import crossings, flood, march
+    from usarsim_exploration.kernels.linking import expected
     from usarsim_exploration.kernels.looking import count_first, look, take_in
     from usarsim_exploration.kernels.trading import (
         agree,
@@ -23,7 +24,7 @@ try:
 
     COMPILED = True
 except ImportError:
-    from usarsim_exploration.kernels.plain import crossings, flood, march
+    from usarsim_exploration.kernels.plain import crossings, expected, flood, march
     from usarsim_exploration.kernels.plain_looking import count_first, look, take_in
     from usarsim_exploration.kernels.plain_trading import (
         agree,
@@ -38,6 +39,6 @@ except ImportError:
     COMPILED = False
 
 __all__ = [
-    "COMPILED", "agree", "count_first", "crossings", "flood", "fold", "look", "march", "once",
-    "send", "settle", "take_in", "tell", "waiting_news",
+    "COMPILED", "agree", "count_first", "crossings", "expected", "flood", "fold", "look", "march",
+    "once", "send", "settle", "take_in", "tell", "waiting_news",
 ]  # fmt: skip

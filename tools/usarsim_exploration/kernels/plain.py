@@ -12,9 +12,11 @@ from usarsim_exploration.kernels.steps import (
     FAR,
     FELT,
     FREE,
+    KNOWN,
     RELAYED,
     ROWS,
     STRAIGHT,
+    WALL,
 )
 
 Ints = NDArray[np.int64]
@@ -109,6 +111,30 @@ def crossings(values: NDArray[np.uint8], pairs: Ints) -> Ints:
             np.count_nonzero(on == 1),
         )
     return found
+
+
+def expected(
+    bits: NDArray[np.uint8],
+    cells: Ints,
+    others: Ints,
+    slack: float,
+    ranges: NDArray[np.float64],
+    cells_count: bool,
+    per_wall: int,
+    unknown: int,
+    enough: bool,
+) -> NDArray[np.bool_]:
+    """See `linking.expected`; `enough` or not, all are asked."""
+    pairs = np.hstack([np.repeat(cells, len(others), axis=0), np.tile(others, (len(cells), 1))])
+    away = np.sqrt(((pairs[:, :2] - pairs[:, 2:]) ** 2).sum(axis=1)) + slack
+    walls = np.zeros(len(pairs), np.int64)
+    if len(ranges) > 1:
+        values = np.where(bits & WALL != 0, 2, bits & KNOWN == 0).astype(np.uint8)
+        on = crossings(values, pairs)
+        seen, doubtful = on[:, 1 if cells_count else 2], on[:, 3]
+        walls = seen + np.where(doubtful > unknown, doubtful, doubtful // per_wall)
+    linked: NDArray[np.bool_] = away <= ranges[np.minimum(walls, len(ranges) - 1)]
+    return linked.reshape(len(cells), len(others))
 
 
 def recount(old: NDArray[np.uint8], new: NDArray[np.uint8]) -> Ints:

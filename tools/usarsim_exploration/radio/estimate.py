@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell, Environment
-from usarsim_exploration.kernels import crossings
-from usarsim_exploration.known_map import FREE, KNOWN, WALL, KnownMap
+from usarsim_exploration.kernels import crossings, expected
+from usarsim_exploration.known_map import KnownMap
 from usarsim_exploration.radio.models import Radio
 
 UNKNOWN_PER_WALL = 14
@@ -18,10 +18,13 @@ DIRECTIONS = 128
 """Of an outline (reference 14)."""
 _FARTHEST = 1e5
 """Cells; no map is as wide."""
+_ENDLESS = 10**9
+"""Walls."""
 _CHUNK = 16
 """Cells by which an outline grows at once."""
 
-Pairs = NDArray[np.int64]
+Cells = NDArray[np.int64]
+"""(n, 2) columns and rows."""
 
 
 class RadioEstimate:
@@ -29,10 +32,9 @@ class RadioEstimate:
 
     def __init__(self, radio: Radio, known: KnownMap, reach: float, cell: float) -> None:
         """reach: range of the robot's radio, cells. cell: width of one, m."""
-        self._known, self._cell = known, cell
-        self._radio, self._reach = radio.expected(reach)
-        self._ranges = _Ranges(self._radio, self._reach, cell)
-        self._values: tuple[int, NDArray[np.uint8]] = -1, np.empty((0, 0), np.uint8)
+        self._known = known
+        self._radio, reach = radio.expected(reach)
+        self._ranges = _ranges(self._radio, reach, cell)
 
     @property
     def certain(self) -> bool:
@@ -40,66 +42,54 @@ class RadioEstimate:
         return not self._radio.counts_walls
 
     def reaches(
-        self, pairs: Pairs, *, slack: float = 0.0, unknown: int | None = None
+        self, cells: Cells, others: Cells, *, slack: float = 0.0, unknown: int | None = None
     ) -> NDArray[np.bool_]:
-        """Whether links between pairs of cells, (n, 4), are to be expected.
+        """Whether links between cells and others are to be expected, (cells, others).
 
         Args:
-            pairs: columns and rows of one end, and of the other.
+            cells, others: (n, 2) columns and rows.
             slack: cells by which each pair may still move apart.
             unknown: with more unknown cells on a line, each of them may be a wall; fewer, and
                 None: 14 of them are one.
         """
-        away = np.hypot(*(pairs[:, :2] - pairs[:, 2:]).T) + slack
-        walls = np.zeros(len(pairs), np.int64)
-        if self._radio.counts_walls:
-            found = crossings(self._shades(), np.ascontiguousarray(pairs, np.int64))
-            seen, doubtful = found[:, 1 if self._radio.wall_cells else 2], found[:, 3]
-            walls = seen + doubtful // UNKNOWN_PER_WALL
-            if unknown is not None:
-                walls = np.where(doubtful > unknown, seen + doubtful, walls)
-        linked: NDArray[np.bool_] = away <= self._ranges.of(walls)
-        return linked
+        return self._expected(cells, others, slack, unknown, enough=False)
 
-    def _shades(self) -> NDArray[np.uint8]:
-        """The map as `crossings` takes it."""
-        if self._values[0] != self._known.version:
-            bits = self._known.bits
-            values = np.where(bits & WALL != 0, 2, bits & KNOWN == 0).astype(np.uint8)
-            values[(bits & FREE != 0) & (bits & WALL == 0)] = 0
-            self._values = self._known.version, values
-        return self._values[1]
+    def held(self, cells: Cells, others: Cells, unknown: int | None = None) -> NDArray[np.bool_]:
+        """Which cells have such a link to any of the others, (cells,); likely ones first."""
+        found = self._expected(cells, others, 0.0, unknown, enough=True)
+        return np.asarray(found.any(axis=1), np.bool_)
+
+    def _expected(
+        self, cells: Cells, others: Cells, slack: float, unknown: int | None, *, enough: bool
+    ) -> NDArray[np.bool_]:
+        return expected(
+            self._known.bits, np.ascontiguousarray(cells), np.ascontiguousarray(others), slack,
+            self._ranges, self._radio.wall_cells, UNKNOWN_PER_WALL,
+            self._known.bits.size if unknown is None else unknown, enough,
+        )  # fmt: skip
 
 
-class _Ranges:
-    """How far a radio reaches through so many walls, cells."""
+@lru_cache(maxsize=64)
+def _ranges(radio: Radio, reach: float, cell: float) -> NDArray[np.float64]:
+    """The farthest distances with a link through 0 walls, 1, 2 ..., cells.
 
-    def __init__(self, radio: Radio, reach: float, cell: float) -> None:
-        self._radio, self._reach, self._cell = radio, reach, cell
-        self._found = np.empty(0)
-
-    def of(self, walls: NDArray[np.int64]) -> NDArray[np.float64]:
-        """The greatest distances with a link; less than 1: there is none."""
-        more = range(len(self._found), int(walls.max(initial=-1)) + 1)
-        if more:
-            self._found = np.append(self._found, [self._farthest(count) for count in more])
-        found: NDArray[np.float64] = self._found[walls]
-        return found
-
-    def _farthest(self, walls: int) -> float:
-        low, high = 0.5, _FARTHEST
-        while (middle := (low + high) / 2) not in (low, high):
-            if self._radio.hears(middle, self._reach, walls, self._cell):
-                low = middle
-            else:
-                high = middle
-        return low
+    The last one holds for all that are more. Less than 1: there is none.
+    """
+    most = _farthest(radio, reach, _ENDLESS, cell)
+    found = [_farthest(radio, reach, 0, cell)]
+    while radio.counts_walls and found[-1] > most:
+        found.append(_farthest(radio, reach, len(found), cell))
+    return np.array(found)
 
 
-@lru_cache(maxsize=16)
-def _ranges(radio: Radio, reach: float, cell: float) -> _Ranges:
-    """Those of all robots with equal radios: outlines ask the same again and again."""
-    return _Ranges(radio, reach, cell)
+def _farthest(radio: Radio, reach: float, walls: int, cell: float) -> float:
+    low, high = 0.5, _FARTHEST
+    while (middle := (low + high) / 2) not in (low, high):
+        if radio.hears(middle, reach, walls, cell):
+            low = middle
+        else:
+            high = middle
+    return low
 
 
 def outline(
@@ -135,7 +125,7 @@ def outline(
         walls = np.zeros(len(pairs), np.int64)
         if radio.counts_walls:
             walls = crossings(values, np.ascontiguousarray(pairs))[:, int(radio.wall_cells)]
-        heard[inside] = away <= ranges.of(walls)
+        heard[inside] = away <= ranges[np.minimum(walls, len(ranges) - 1)]
         lost = ~heard
         count = np.where(lost.any(axis=1), lost.argmax(axis=1), _CHUNK)
         some = count > 0

@@ -65,7 +65,7 @@ class Radio(ABC):
 
     @abstractmethod
     def hears(self, distance: float, reach: float, walls: int, cell: float) -> bool:
-        """Whether two radios hear each other; if so, nearer ones do, too.
+        """Whether two radios hear each other; if so, nearer ones and with fewer walls, too.
 
         Args:
             distance: cells. reach: range of the pair, cells. walls: on the line between.
