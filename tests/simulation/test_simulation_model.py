@@ -21,10 +21,14 @@ from sim_fakes import (
 )
 
 from usarsim_server.errors import UsarsimError
+from usarsim_server.robots.catalog import load_catalog
+from usarsim_server.sessions.robots import robot_model as shipped_model
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import (
     SHELF_HEIGHT,
     SHELF_NAME,
+    VACANT,
+    Blueprint,
     CompiledWorld,
     PhysicsOptions,
     RobotModel,
@@ -33,6 +37,7 @@ from usarsim_server.simulation.model import (
     matching_joints,
     root_qpos,
 )
+from usarsim_server.simulation.rays.moving import DynamicGeometry
 
 
 def compiled(*slots: RobotModel) -> CompiledWorld:
@@ -228,6 +233,52 @@ class TestMatching:
         twin = compile_world(yard, [ROBOT, ROBOT], PhysicsOptions(), 1).layouts[0]
         assert dict(zip(old_q, new_q, strict=True))[slot.qpos] == twin.qpos
         assert dict(zip(old_v, new_v, strict=True))[slot.wheel_dof[2]] == twin.wheel_dof[2]
+
+
+class TestGrowth:
+    """A larger model is made of the specification of the one before."""
+
+    @pytest.mark.parametrize("name", ["P3AT_arm", "Fanuc_Robot_And_Rail", "Nao"])
+    def test_it_is_the_same_to_the_byte_as_one_compiled_at_once(self, name: str) -> None:
+        """Arms, hands, excluded contacts, meshes: whatever shipped classes are made of."""
+        description = load_catalog(()).find(name)
+        assert description is not None
+        shipped = shipped_model(description)
+        whole = compiled(ROBOT, shipped, shipped)
+        blueprint = Blueprint(floor()(), PhysicsOptions())
+        blueprint.add([ROBOT, shipped])
+        part = blueprint.compile(0)
+        blueprint.add([shipped])
+        grown = blueprint.compile(1, part)
+        assert stored(grown.model) == stored(whole.model)
+        assert grown.layouts[0] is part.layouts[0]
+        for one, other in zip(grown.layouts, whole.layouts, strict=True):
+            assert one.bodies == other.bodies
+            assert one.joint_qpos == other.joint_qpos
+            np.testing.assert_array_equal(one.geoms, other.geoms)
+            np.testing.assert_array_equal(one.wheel_actuators, other.wheel_actuators)
+
+    def test_rays_see_the_same_bodies(self) -> None:
+        """Shapes of a former generation are looked at once; so are those behind what changed."""
+        other = robot_model("other")
+        former = compiled(ROBOT, ROBOT, ROBOT)
+        known = DynamicGeometry(former)
+        for slots in ([ROBOT] * 5, [ROBOT, other, ROBOT], [ROBOT], [ROBOT, VACANT, ROBOT, other]):
+            blueprint = Blueprint(floor()(), PhysicsOptions())
+            blueprint.add(slots)
+            world = blueprint.compile(1, former)
+            found, fresh = DynamicGeometry(world, known), DynamicGeometry(world)
+            shown = [(one.body, one.geoms) for one in found._bodies]
+            assert shown == [(one.body, one.geoms) for one in fresh._bodies]
+            assert found._scenes.keys() == fresh._scenes.keys()
+            assert {id(one.full) for one in found._bodies} == set(map(id, found._scene_list))
+
+
+def stored(model: mujoco.MjModel) -> bytes:
+    """A model as MuJoCo would write it to a file."""
+    buffer = np.empty(mujoco.mj_sizeModel(model), dtype=np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return buffer.tobytes()
 
 
 def test_robot_of_the_tests_is_that_of_the_reference() -> None:

@@ -13,7 +13,7 @@ from usarsim_server.logs import Log
 from usarsim_server.simulation.articulation import JointOrder
 from usarsim_server.simulation.divergence import culprits, is_sound
 from usarsim_server.simulation.frames import Pose, pose_of
-from usarsim_server.simulation.growth import Growth, WorldParts, grow
+from usarsim_server.simulation.growth import Generations, Growth, WorldParts
 from usarsim_server.simulation.machines import Machine
 from usarsim_server.simulation.model import (
     JOINT_WIDTH,
@@ -21,7 +21,6 @@ from usarsim_server.simulation.model import (
     WAKE,
     PhysicsOptions,
     RobotModel,
-    compile_world,
     put,
     root_qpos,
     slot_prefix,
@@ -56,9 +55,9 @@ class Engine:
         options: PhysicsOptions,
         slots: Sequence[RobotModel] = (),
     ) -> None:
-        self._scenery = scenery
+        self._generations = Generations(scenery, options)
         self._options = options
-        self.world = compile_world(scenery, slots, options, generation=0)
+        self.world = self._generations.first(slots)
         self.data = mujoco.MjData(self.world.model)
         self.parts = WorldParts(self.world, options)
         self._active: dict[int, int] = {}
@@ -375,7 +374,7 @@ class Engine:
     def grow(
         self, added: Iterable[RobotModel], replaced: Mapping[int, RobotModel] = MappingProxyType({})
     ) -> Growth:
-        """Compile a model with other slots. Reads only immutable state: safe in another thread.
+        """Compile a model with other slots, in any thread, see `Generations.following`.
 
         Args:
             added: slots behind the present ones.
@@ -383,7 +382,7 @@ class Engine:
         """
         old = self.world
         kept = (replaced.get(number, slot) for number, slot in enumerate(old.slots))
-        return grow(old, self._scenery, (*kept, *added), self._options)
+        return self._generations.following(old, (*kept, *added))
 
     def adopt(self, growth: Growth) -> None:
         """Replace the model by another one and carry the whole state over.
@@ -398,7 +397,8 @@ class Engine:
         others = tuple(slot_prefix(slot) for slot in growth.changed)
         carry_over(before.model, old, growth.world.model, new, others)
         self.world, self.data, self.parts = growth.world, new, growth.parts
-        inherit_sleep(old, self.world.model, new, growth.trees(before.model))
+        self._generations.adopted(growth)
+        inherit_sleep(old, self.world.model, new, growth.trees(before.model), growth.spare)
         new.qacc_warmstart[growth.dofs[1]] = old.qacc_warmstart[growth.dofs[0]]
         self._left = {slot: step for slot, step in self._left.items() if slot in growth.kept}
         for slot, kind in enumerate(self.world.slots):

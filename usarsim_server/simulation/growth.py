@@ -23,10 +23,10 @@ from usarsim_server.simulation.hands import Hands
 from usarsim_server.simulation.machines import Machines
 from usarsim_server.simulation.model import (
     VACANT,
+    Blueprint,
     CompiledWorld,
     PhysicsOptions,
     RobotModel,
-    compile_world,
     matching_joints,
     slot_prefix,
 )
@@ -64,11 +64,13 @@ class Growth:
 
     world: CompiledWorld  # the model and a state of it
     data: mujoco.MjData
+    spare: mujoco.MjData  # another state, for what comes at the swap
     parts: WorldParts  # what works on it
     joints: tuple[NDArray[np.intp], NDArray[np.intp]]
     """Old and new coordinate indices of everything that exists in both."""
     dofs: tuple[NDArray[np.intp], NDArray[np.intp]]
     """Old and new velocity indices of everything that exists in both."""
+    blueprint: Blueprint  # what the model was compiled of
     kept: tuple[int, ...]  # slots that are the same in both
     changed: tuple[int, ...]  # slots of the old model that are of another kind, or are gone
 
@@ -79,34 +81,64 @@ class Growth:
         return twins
 
 
-def grow(
-    old: CompiledWorld,
-    scenery: Callable[[], mujoco.MjSpec],
-    slots: Sequence[RobotModel],
-    options: PhysicsOptions,
-) -> Growth:
-    """Compile the generation after `old`. Touches nothing that lives: safe in any thread.
+class Generations:
+    """Makes the models of one world, one after the other."""
 
-    Raises:
-        ValueError: if MuJoCo cannot compile the result.
-    """
-    slots = list(slots)
-    while slots and slots[-1] is VACANT:
-        slots.pop()
-    same = [one is other for one, other in zip(old.slots, slots, strict=False)]
-    kept = tuple(n for n, equal in enumerate(same) if equal and slots[n] is not VACANT)
-    changed = tuple(n for n in range(len(old.slots)) if not (n < len(same) and same[n]))
-    world = compile_world(scenery, slots, options, old.generation + 1)
-    if len(kept) == sum(slot is not VACANT for slot in slots):
-        # Nobody came: let the solver work by the same rules as before, to the last bit.
-        world.model.stat.meaninertia = old.model.stat.meaninertia
-        kind = mujoco.mjtJacobian
-        sparse = mujoco.mj_isSparse(old.model)
-        world.model.opt.jacobian = int(kind.mjJAC_SPARSE if sparse else kind.mjJAC_DENSE)
-    data = mujoco.MjData(world.model)
-    mujoco.mj_forward(world.model, data)
-    joints, dofs = matching_joints(old.model, world.model, changed)
-    return Growth(world, data, WorldParts(world, options), joints, dofs, kept, changed)
+    def __init__(self, scenery: Callable[[], mujoco.MjSpec], options: PhysicsOptions) -> None:
+        """Make none yet; `scenery` makes a fresh specification of the world without robots."""
+        self._scenery = scenery
+        self._options = options
+        self._blueprint: Blueprint | None = None
+        """What the running model was compiled of, until a larger one is made of it."""
+
+    def first(self, slots: Sequence[RobotModel]) -> CompiledWorld:
+        """The model that the world begins with.
+
+        Raises:
+            ValueError: if MuJoCo cannot compile it.
+        """
+        self._blueprint = Blueprint(self._scenery(), self._options)
+        self._blueprint.add(slots)
+        return self._blueprint.compile(generation=0)
+
+    def following(self, old: CompiledWorld, slots: Sequence[RobotModel]) -> Growth:
+        """Compile a model with other slots than those of the running one, `old`.
+
+        Touches nothing that lives: safe in any thread, but only one at a time may add slots and
+        replace none.
+
+        Raises:
+            ValueError: if MuJoCo cannot compile the result.
+        """
+        slots = list(slots)
+        while slots and slots[-1] is VACANT:
+            slots.pop()
+        blueprint = None
+        if old.shared(slots) == len(old.slots):
+            blueprint, self._blueprint = self._blueprint, None
+        if blueprint is None:
+            blueprint = Blueprint(self._scenery(), self._options)
+        blueprint.add(slots[len(blueprint.slots) :])
+        world = blueprint.compile(old.generation + 1, old)
+        same = [one is other for one, other in zip(old.slots, slots, strict=False)]
+        kept = tuple(n for n, equal in enumerate(same) if equal and slots[n] is not VACANT)
+        changed = tuple(n for n in range(len(old.slots)) if not (n < len(same) and same[n]))
+        if len(kept) == sum(slot is not VACANT for slot in slots):
+            # Nobody came: let the solver work by the same rules as before, to the last bit.
+            world.model.stat.meaninertia = old.model.stat.meaninertia
+            kind = mujoco.mjtJacobian
+            sparse = mujoco.mj_isSparse(old.model)
+            world.model.opt.jacobian = int(kind.mjJAC_SPARSE if sparse else kind.mjJAC_DENSE)
+        data = mujoco.MjData(world.model)
+        mujoco.mj_forward(world.model, data)
+        joints, dofs = matching_joints(old.model, world.model, changed)
+        parts = WorldParts(world, self._options)
+        spare = mujoco.MjData(world.model)
+        return Growth(world, data, spare, parts, joints, dofs, blueprint, kept, changed)
+
+    def adopted(self, growth: Growth) -> None:
+        """This is the running model now."""
+        self._blueprint = growth.blueprint
 
 
 MIB = 2**20

@@ -31,6 +31,10 @@ SHELF_COLUMNS = 16
 ROOT_BODY = "base"
 ROOT_JOINT = "free"
 SHELF_NAME = "usarsim:shelf"
+SLOT = "robot"
+"""What names of everything in a slot begin with; then the slot's number."""
+ATTACHED_TOGETHER = 8
+"""Slots that are put together before they are attached to a world."""
 NOWHERE = -1
 """Stands for the base body of a slot without any."""
 KINEMATIC_SHELF = 500.0
@@ -111,6 +115,17 @@ class CompiledWorld:
         """Bodies that a slot adds to the model."""
         return len(self.layouts[slot].bodies)
 
+    def shared(self, slots: Sequence[RobotModel]) -> int:
+        """How many slots from the first one on are the same in another model of this world.
+
+        What is in them, and in the scenery, has the same numbers (of bodies, geoms, joints,
+        coordinates, actuators) in both: each slot comes behind those before.
+        """
+        pairs = enumerate(zip(self.slots, slots, strict=False))
+        return next(
+            (n for n, (one, other) in pairs if one is not other), min(len(self.slots), len(slots))
+        )
+
 
 def check_mujoco_version(version: str = mujoco.__version__) -> None:
     """Refuse releases that are known to be wrong.
@@ -131,46 +146,100 @@ def check_mujoco_version(version: str = mujoco.__version__) -> None:
         )
 
 
+class Blueprint:
+    """The specification of a world with its slots, of which models are compiled; it can grow.
+
+    MuJoCo goes through all of a specification, and keeps the interpreter meanwhile, whenever
+    something is attached to it: so some robots at a time are put together apart and attached as a
+    whole, and what has been attached stays for the next model.
+
+    Attributes:
+        slots: the class of every slot; slot numbers are indices into this list.
+    """
+
+    def __init__(self, spec: mujoco.MjSpec, options: PhysicsOptions) -> None:
+        """Make one without slots of the specification of a world without robots, which is used."""
+        self.slots: list[RobotModel] = []
+        self._spec = spec
+        _set_options(spec, options)
+        self._shelf = spec.worldbody.add_geom(
+            name=SHELF_NAME,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            rgba=[0.0, 0.0, 0.0, 0.0],
+            **_shelf_place(0),
+        )
+
+    def add(self, slots: Sequence[RobotModel]) -> None:
+        """Add slots behind those that there are."""
+        first = len(self.slots)
+        self.slots += slots
+        place = _shelf_place(len(self.slots))
+        self._shelf.size, self._shelf.pos = place["size"], place["pos"]
+        for begin in range(first, len(self.slots), ATTACHED_TOGETHER):
+            self._attach(range(begin, min(begin + ATTACHED_TOGETHER, len(self.slots))))
+            yield_interpreter()
+
+    def _attach(self, numbers: Sequence[int]) -> None:
+        together = mujoco.MjSpec()
+        for slot in numbers:
+            robot = self.slots[slot]
+            if robot is VACANT:
+                continue
+            frame = together.worldbody.add_frame(pos=_parking_place(slot, robot)[:3])
+            built = robot.build()
+            for body in list(built.worldbody.bodies):
+                if not robot.kinematic:
+                    body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
+                frame.attach_body(body, slot_prefix(slot).removeprefix(SLOT), "")
+        self._spec.attach(together, prefix=SLOT, frame=self._spec.worldbody.add_frame())
+        for slot in numbers:  # to the world: that has another name inside
+            robot = self.slots[slot]
+            add_ties(self._spec, slot_prefix(slot), ROOT_BODY, robot.hands, robot.anchored)
+
+    def compile(self, generation: int, older: CompiledWorld | None = None) -> CompiledWorld:
+        """Compile a model.
+
+        Args:
+            generation: number of this compilation.
+            older: another one of the same world, of which is used again what is the same here.
+
+        Raises:
+            ValueError: if MuJoCo cannot compile it.
+        """
+        model = self._spec.compile()
+        slots = tuple(self.slots)
+        parking = np.zeros((len(slots), 7))
+        for slot, robot in enumerate(slots):
+            parking[slot] = _parking_place(slot, robot)
+        layouts = list(older.layouts[: older.shared(slots)]) if older is not None else []
+        names = [model.body(body).name for body in range(model.nbody)]
+        for slot in range(len(layouts), len(slots)):
+            layouts.append(_layout(model, slot, slots[slot], names))
+        for layout in layouts:
+            _convert_servos(model, layout)
+        masks = np.array([model.body_contype, model.body_conaffinity])
+        return CompiledWorld(generation, model, slots, tuple(layouts), parking, masks)
+
+
 def compile_world(
     scenery: Callable[[], mujoco.MjSpec],
     slots: Sequence[RobotModel],
     options: PhysicsOptions,
     generation: int,
 ) -> CompiledWorld:
-    """Compile scenery and robot slots into one model.
+    """Compile scenery and robot slots into one model, see `Blueprint`.
 
     Args:
         scenery: makes a fresh specification of the world without robots.
-        slots: the class of every slot; slot numbers are indices into this sequence.
+        slots: the class of every slot.
         options: of the physics. generation: number of this compilation.
 
     Raises:
         ValueError: if MuJoCo cannot compile the result.
     """
-    spec = scenery()
-    _set_options(spec, options)
-    _add_shelf(spec, len(slots))
-    parking = np.zeros((len(slots), 7))
-    for slot, robot in enumerate(slots):
-        parking[slot] = _parking_place(slot, robot)
-        if robot is VACANT:
-            continue
-        frame = spec.worldbody.add_frame(pos=parking[slot, :3])
-        built = robot.build()
-        for body in list(built.worldbody.bodies):
-            if not robot.kinematic:
-                body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
-            frame.attach_body(body, slot_prefix(slot), "")
-        add_ties(spec, slot_prefix(slot), ROOT_BODY, robot.hands, robot.anchored)
-        yield_interpreter()
-    model = spec.compile()
-    names = [model.body(body).name for body in range(model.nbody)]
-    layouts = []
-    for slot, robot in enumerate(slots):
-        layouts.append(_layout(model, slot, robot, names))
-        _convert_servos(model, layouts[-1])
-    masks = np.array([model.body_contype, model.body_conaffinity])
-    return CompiledWorld(generation, model, tuple(slots), tuple(layouts), parking, masks)
+    blueprint = Blueprint(scenery(), options)
+    blueprint.add(slots)
+    return blueprint.compile(generation)
 
 
 def _convert_servos(model: mujoco.MjModel, layout: RobotLayout) -> None:
@@ -228,15 +297,13 @@ def _set_options(spec: mujoco.MjSpec, options: PhysicsOptions) -> None:
     option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 
-def _add_shelf(spec: mujoco.MjSpec, slots: int) -> None:
+def _shelf_place(slots: int) -> dict[str, list[float]]:
+    """Size and place of a shelf for so many slots, m."""
     rows = max(1, math.ceil(slots / SHELF_COLUMNS))
-    spec.worldbody.add_geom(
-        name=SHELF_NAME,
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=[SHELF_SPACING * SHELF_COLUMNS / 2, SHELF_SPACING * rows / 2, 5.0],
-        pos=[-SHELF_SPACING / 2, SHELF_SPACING * (rows - 1) / 2, SHELF_HEIGHT - 5.0],
-        rgba=[0.0, 0.0, 0.0, 0.0],
-    )
+    return {
+        "size": [SHELF_SPACING * SHELF_COLUMNS / 2, SHELF_SPACING * rows / 2, 5.0],
+        "pos": [-SHELF_SPACING / 2, SHELF_SPACING * (rows - 1) / 2, SHELF_HEIGHT - 5.0],
+    }
 
 
 def _parking_place(slot: int, robot: RobotModel) -> NDArray[np.float64]:
@@ -248,7 +315,7 @@ def _parking_place(slot: int, robot: RobotModel) -> NDArray[np.float64]:
 
 
 def slot_prefix(slot: int) -> str:
-    return f"robot{slot}:"
+    return f"{SLOT}{slot}:"
 
 
 def _layout(

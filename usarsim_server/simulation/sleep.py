@@ -93,7 +93,11 @@ class Sleep(Part):
 
 
 def inherit_sleep(
-    old: mujoco.MjData, model: mujoco.MjModel, data: mujoco.MjData, twins: NDArray[np.intp]
+    old: mujoco.MjData,
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    twins: NDArray[np.intp],
+    lists: mujoco.MjData,
 ) -> None:
     """Bring a state up to date and let those sleep in it that slept in the old one.
 
@@ -104,6 +108,7 @@ def inherit_sleep(
         old: the state that was.
         model, data: those that are to be; coordinates and velocities are the old ones already.
         twins: the tree here of every tree of the old model, -1 for those that are gone.
+        lists: another state of the model, which is used for this.
     """
     asleep = np.full(model.ntree, -1, dtype=data.tree_asleep.dtype)
     new = np.setdiff1d(np.arange(model.ntree), twins)
@@ -116,7 +121,7 @@ def inherit_sleep(
     model.tree_sleep_policy[:] = np.where(asleep >= 0, policy.mjSLEEP_INIT, policy.mjSLEEP_NEVER)
     # Where everybody is in a state that was reset, those who touch would keep each other awake.
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-    lists = mujoco.MjData(model)
+    mujoco.mj_resetData(model, lists)
     model.tree_sleep_policy[:], model.opt.disableflags = policies, flags
     model.opt.enableflags &= ~_SLEEP_FLAG
     mujoco.mj_fwdPosition(model, data)

@@ -37,19 +37,24 @@ class RigidGroup:
     turns: Array
 
 
-def rigid_groups(model: mujoco.MjModel, visible: Callable[[int], bool]) -> list[RigidGroup]:
+def rigid_groups(
+    model: mujoco.MjModel, visible: Callable[[int], bool], first: int = 1
+) -> list[RigidGroup]:
     """The groups of everything that moves, in the order of their bodies; none is empty.
 
-    `visible` tells of a geom id whether the geom counts.
+    Args:
+        model: of the world.
+        visible: tells of a geom id whether the geom counts.
+        first: of the bodies that are looked at, which begins a tree, and all behind it.
     """
     carriers: dict[int, tuple[int, Array, Array]] = {}
     turning: set[int] = set()
     found: dict[int, list[tuple[int, Array, Array]]] = {}
-    for body in range(1, model.nbody):
+    for body in range(first, model.nbody):
         if model.body_weldid[body] == 0:
             continue
-        first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
-        geoms = [geom for geom in range(first, first + count) if visible(geom)]
+        begin, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+        geoms = [geom for geom in range(begin, begin + count) if visible(geom)]
         parent = int(model.body_parentid[body])
         carriers[body] = body, np.zeros(3), np.eye(3)
         rigid = model.body_jntnum[body] == 0 and model.body_mocapid[body] < 0

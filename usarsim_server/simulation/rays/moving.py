@@ -82,12 +82,12 @@ class DynamicGeometry:
         model = world.model
         self.generation = world.generation
         self.objects = Objects(world)
+        self._layouts, self._nbody = world.layouts, int(model.nbody)
         self._scenes: dict[bytes, TriangleScene] = {}
-        known = older._scenes if older else {}
         self._roots, self._radii, self._tree_of_root = bounding_spheres(model)
         robots = {layout.base for layout in world.layouts}
         self._is_robot = np.array([root in robots for root in self._roots], dtype=bool)
-        self._bodies = self._visible_bodies(model, known)
+        self._bodies = self._visible_bodies(model, older)
         self._body_ids = np.array([one.body for one in self._bodies], dtype=np.intp)
         self._middles = np.array([one.full.centre for one in self._bodies]).reshape(-1, 3)
         self._spans = np.array([one.full.radius for one in self._bodies])
@@ -176,12 +176,10 @@ class DynamicGeometry:
 
     # -- what there is -----------------------------------------------------------------------
 
-    def _visible_bodies(
-        self, model: mujoco.MjModel, known: Mapping[bytes, TriangleScene]
-    ) -> list[_Body]:
+    def _visible_bodies(self, model: mujoco.MjModel, older: DynamicGeometry | None) -> list[_Body]:
         """Everything that moves and can be seen, tree by tree."""
-        found = []
-        for rigid_group in rigid_groups(model, lambda geom: is_visible(model, geom)):
+        found, first, known = self._inherited(older)
+        for rigid_group in rigid_groups(model, lambda geom: is_visible(model, geom), first):
             glass = [is_glass(model, geom) for geom in rigid_group.geoms]
             full = clear = self._scene(model, rigid_group, [True] * len(glass), known)
             if any(glass):
@@ -191,6 +189,25 @@ class DynamicGeometry:
                 yield_interpreter()
         trees = self._tree_of_root
         return sorted(found, key=lambda one: (trees[int(model.body_rootid[one.body])], one.body))
+
+    def _inherited(
+        self, older: DynamicGeometry | None
+    ) -> tuple[list[_Body], int, Mapping[bytes, TriangleScene]]:
+        """Bodies that a former generation has, too, by the same numbers; the first number that it
+        has not; and all shapes that it knows."""
+        if older is None:
+            return [], 1, {}
+        pairs = enumerate(zip(older._layouts, self._layouts, strict=False))
+        shared = next(
+            (n for n, (one, same) in pairs if one is not same),
+            min(len(older._layouts), len(self._layouts)),
+        )
+        gone = [min(one.bodies) for one in older._layouts[shared:] if one.bodies]
+        first = min(gone, default=older._nbody)
+        bodies = [one for one in older._bodies if one.body < first]
+        shown = {id(scene) for one in bodies for scene in (one.full, one.clear)}
+        self._scenes = {key: one for key, one in older._scenes.items() if id(one) in shown}
+        return bodies, first, older._scenes
 
     def _scene(
         self,
