@@ -27,9 +27,9 @@ from sensor_fakes import (
 
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.robots.mounting import SetResult
-from usarsim_server.sensors.ranges import Sonar
 from usarsim_server.sensors.report import conf_line, find_sensors, sen_lines
 from usarsim_server.sensors.scanners import beam_count
+from usarsim_server.sensors.sonar import Sonar
 
 ROOM = Scene(Box((-50, -3, -50), (50, -2, 50)), Box((-50, 4, -50), (50, 5, 50)), wall_ahead(6.0))
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
-from functools import lru_cache
+from collections.abc import Iterable
+from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 MAX_MAGNITUDE = 1e15
 """Largest magnitude that is read or printed; anything beyond is clamped.
@@ -117,7 +117,7 @@ def read_triple(text: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-_EXACT = 10**14
+_EXACT = 1e14
 """Decimal digits up to which doubles tell all numbers apart."""
 
 
@@ -129,17 +129,23 @@ def fixed(value: float, digits: int) -> str:
     infinities print as 0.
     """
     value = float(value)
+    scale, template = _scale_and_template(digits)
+    scaled = value * scale
+    if -_EXACT < scaled < _EXACT:
+        # The nearest double of so few digits prints as just these.
+        return template % (int(scaled + (_SLACK if scaled >= 0.0 else -_SLACK)) / scale)
     if not math.isfinite(value):
-        value = 0.0
-    scale = 10.0**digits
+        return template % 0.0
     scaled = min(max(value, -MAX_MAGNITUDE), MAX_MAGNITUDE) * scale
     units = int(scaled + math.copysign(_SLACK, scaled))
-    if -_EXACT < units < _EXACT:
-        # The nearest double of so few digits prints as just these.
-        return f"{units / scale:.{digits}f}"
     text = f"{abs(units):0{digits + 1}d}"
     sign = "-" if units < 0 else ""
     return f"{sign}{text[:-digits]}.{text[-digits:]}" if digits else f"{sign}{text}"
+
+
+@cache
+def _scale_and_template(digits: int) -> tuple[float, str]:
+    return 10.0**digits, f"%.{digits}f"
 
 
 def single(value: float, digits: int) -> str:
@@ -175,19 +181,36 @@ def ranges(values: ArrayLike, digits: int) -> str:
         digits: digits after the point.
     """
     numbers = np.asarray(values, dtype=np.float64).ravel()
-    numbers = np.where(np.isfinite(numbers), numbers, 0.0)
-    scale = 10.0**digits
-    scaled = np.minimum(np.maximum(numbers, -MAX_MAGNITUDE), MAX_MAGNITUDE) * scale
-    units = np.trunc(scaled + np.copysign(_SLACK, scaled))
-    # Adding zero turns negative zeros into plain ones.
-    printable: Sequence[float] = (units / scale + 0.0).tolist()
-    return _list_template(len(printable), digits) % tuple(printable)
+    if digits not in _TABLED or not len(numbers) or not np.abs(numbers).max() < _WHOLE:
+        return vector(numbers.tolist(), digits)
+    scaled = numbers * 10.0**digits
+    units = (scaled + np.copysign(_SLACK, scaled)).astype(np.int64)
+    whole, rest = np.divmod(np.abs(units), 10**digits)
+    whole[units < 0] += _WHOLE + 1
+    before, behind = _texts(digits)
+    text = np.empty((len(units), 2), dtype=before.dtype)
+    text[:, 0], text[:, 1] = before.take(whole), behind.take(rest)
+    # The first comma is one too many.
+    return text.tobytes().translate(None, _FILL)[1:].decode("ascii")
 
 
-@lru_cache(maxsize=64)
-def _list_template(count: int, digits: int) -> str:
-    """A format string for `count` numbers; one formatting call is far cheaper than many."""
-    return ",".join([f"%.{digits}f"] * count)
+_TABLED = range(1, 5)
+"""Numbers of digits for which `ranges` looks numbers up."""
+_WHOLE = 10_000
+"""Whole numbers up to which it does."""
+_FILL = b"\0"
+
+
+@cache
+def _texts(digits: int) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
+    """Eight characters each, filled up: a comma, whole numbers and a point, first without and then
+    with a minus sign; the digits behind the point."""
+    before = [f",{sign}{number}." for sign in ("", "-") for number in range(_WHOLE + 1)]
+    behind = [f"{number:0{digits}d}" for number in range(10**digits)]
+    filled = [
+        b"".join(text.encode().rjust(8, _FILL) for text in texts) for texts in (before, behind)
+    ]
+    return np.frombuffer(filled[0], np.uint64), np.frombuffer(filled[1], np.uint64)
 
 
 def boolean(value: bool) -> str:

@@ -12,9 +12,9 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable, Container, Iterable
-from dataclasses import dataclass
 from enum import Enum
 from itertools import islice
+from typing import NamedTuple
 
 Vector = tuple[float, float, float]
 """Wire frame: x forward, y right, z down in metres, or roll, pitch, yaw in rad."""
@@ -33,8 +33,7 @@ class Dialect(Enum):
     __hash__ = object.__hash__
 
 
-@dataclass(frozen=True, slots=True)
-class Item:
+class Item(NamedTuple):
     """A named item of a line (one sensor, one actuator) with its data segments in wire order."""
 
     name: str

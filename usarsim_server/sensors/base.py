@@ -12,7 +12,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from usarsim_server.simulation.snapshot import RobotState, Snapshot
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.smoke import SmokeField
 from usarsim_server.worlds.surroundings import Surroundings
+
+Begun = tuple[Sequence[RayFan], Callable[[Sequence[RayHits]], Sequence["Sensor"]]]
+"""Rays, and what takes readings of their answers; it returns the sensors that have measured."""
 
 EVERYWHERE = frozenset(Dialect)
 NOWHERE: frozenset[Dialect] = frozenset()
@@ -126,6 +129,26 @@ class Sensor(DeclaredItem, ABC):
         """Rays needed for the next reading; none by default."""
         return ()
 
+    @classmethod
+    def begin(cls, sensors: tuple[Self, ...], robot: RobotState) -> Begun:
+        """Begin readings of sensors that stand one after the other on one robot, all of this class.
+
+        One after the other by `rays` and `measure`; for a class of which robots carry many it may
+        pay to do it at once.
+        """
+        wanted = [sensor.rays(robot) for sensor in sensors]
+
+        def measure(hits: Sequence[RayHits]) -> list[Sensor]:
+            measured: list[Sensor] = []
+            begin = 0
+            for sensor, rays in zip(sensors, wanted, strict=True):
+                if sensor.measure(robot, hits[begin : begin + len(rays)]):
+                    measured.append(sensor)
+                begin += len(rays)
+            return measured
+
+        return [fan for rays in wanted for fan in rays], measure
+
     def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
         """Segments of CONF after Name (protocol reference 4.8); by default what it announces."""
         interval = ("ScanInterval", fixed(self.interval(dialect), 4))
@@ -148,10 +171,13 @@ class Sensor(DeclaredItem, ABC):
         """The last reading as an item of a SEN line."""
         return Item(self.wire_name(dialect), self.data(dialect))
 
+    def carrier_pose(self, robot: RobotState) -> Pose:
+        """Pose of what carries the sensor, in the world (simulation frame)."""
+        return robot.pose if self.link is None else robot.link_pose(self.link)
+
     def world_pose(self, robot: RobotState) -> Pose:
         """Pose of the sensor in the world (simulation frame)."""
-        carrier = robot.pose if self.link is None else robot.link_pose(self.link)
-        return carrier @ self.mount
+        return self.carrier_pose(robot) @ self.mount
 
 
 GROUP = "usarsim_server.sensors"

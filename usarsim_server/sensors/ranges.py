@@ -1,11 +1,7 @@
-"""Distances: what all sensors share that measure them, range finders, sonar and line lasers.
+"""Distances: what all sensors share that measure them, range finders and line lasers.
 
-Range finders have one ray along the mount axis (robots reference 2.2). Ultrasound has a cone of
-rays: a wall reflects it like a mirror, so an oblique surface gives no echo, and a ray of the cone
-counts only if it meets its surface within `max_incidence` of the normal. UDK compared the normal
-with the ray's own direction, by which nearly all facing hits fail and only the centre ray remains;
-`literal = true` reproduces that. Line lasers report the points of a fan of beams in the world
-(2.3).
+Range finders have one ray along the mount axis (robots reference 2.2). Line lasers report the
+points of a fan of beams in the world (2.3). Sonars are in `sonar.py`.
 
 Directions of rays are computed once in the sensor's own frame and turned once per reading.
 """
@@ -14,7 +10,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -66,6 +62,12 @@ class Ranging(Sensor):
             hit = distances < self.max_range
             ranges = np.where(hit, np.clip(noisy, 0.0, self.max_range), self.max_range)
         return ranges
+
+    def echo(self, distance: float) -> float:
+        """One distance, as `echoes` makes it."""
+        if self.noise > 0.0 or self.noise_ratio > 0.0:
+            return float(self.echoes(np.array([distance]))[0])
+        return min(distance, self.max_range)
 
     def limits(self) -> tuple[Segment, ...]:
         """The MaxRange and MinRange segments of CONF."""
@@ -217,66 +219,6 @@ class InfraredSensor(RangeSensor):
     def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
         """The limits; UDK sent the pair twice (protocol reference 4.8), and so do we there."""
         return self.limits() * FACETS[dialect].infrared_limits
-
-
-MAX_CONES = 10
-MAX_RAYS_PER_CONE = 16
-"""The original's sampling; finer is pointless and would only cost time."""
-
-
-@register("Sonar", "SonarSensor")
-class Sonar(SingleRange):
-    """Nearest echo within a cone, clamped to the range limits."""
-
-    wire_type: ClassVar[str] = "Sonar"
-    intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
-    max_range = 5.0
-
-    beam_angle: float = field(default=0.349, above=0.0, high=math.pi, unit="rad", help="full cone")
-    max_incidence: float = field(
-        default=0.17453, above=0.0, high=math.pi / 2, unit="rad", help="at which there is an echo"
-    )
-    cones: int = field(default=2, low=0, high=MAX_CONES, help="the original has 10")
-    rays_per_cone: int = field(default=8, low=1, high=MAX_RAYS_PER_CONE, help="the original has 16")
-    literal: bool = field(default=False, help="only the centre ray, as in UDK")
-
-    def __init__(self, item: ItemDescription, context: SensorContext) -> None:
-        super().__init__(item, context)
-        cones = 0 if self.literal else self.cones
-        self._directions = cone_directions(self.beam_angle / 2, cones, self.rays_per_cone)
-        self._facing = math.cos(self.max_incidence)
-        self._sent = self._directions
-
-    def rays(self, robot: RobotState) -> Sequence[RayFan]:
-        """Axis and cones, with surface normals."""
-        fan = fan_at(self.world_pose(robot), self._directions, self.max_range, normals=True)
-        self._sent = fan.directions
-        return (fan,)
-
-    def distance(self, hits: Sequence[RayHits]) -> float:
-        """The centre ray, or a nearer ray of the cone that meets its surface squarely."""
-        answer = hits[0]
-        nearest = answer.distances[:1]
-        if answer.normals is not None:
-            against = np.einsum("ij,ij->i", answer.normals, self._sent)
-            square = answer.distances[against < -self._facing]
-            if square.size:
-                nearest = np.minimum(nearest, square.min())
-        return max(float(self.echoes(nearest)[0]), self.min_range)
-
-    def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
-        """The limits and the cone (protocol reference 4.8)."""
-        beam = fixed(announced_angle(self.beam_angle, dialect), 4)
-        if not FACETS[dialect].sonar_cone:
-            return (*self.limits(), ("BeamAngle", beam))
-        return (
-            *self.limits(),
-            ("ScanInterval", fixed(self.interval(dialect), 4)),
-            ("beamAngle", beam),
-            ("maxAngleOfIncidence", fixed(self.max_incidence, 4)),
-            ("tracesPerCone", str(self.rays_per_cone)),
-            ("numberOfCones", str(self.cones)),
-        )
 
 
 def wire_points(points: Array) -> Array:

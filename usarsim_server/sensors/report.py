@@ -8,6 +8,7 @@ Time and how item names look follows from the classes and the dialect (protocol 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
 
 from usarsim_server.protocol.messages import (
     SensorMount,
@@ -41,7 +42,7 @@ def sen_lines(sensors: Sequence[Sensor], time: float, dialect: Dialect) -> list[
         batch = dialect in sensor.batched
         if batch and sensor.wire_type in done:
             continue
-        group = [sensor]
+        group: Sequence[Sensor] = (sensor,)
         if batch:
             done.add(sensor.wire_type)
             group = [other for other in sensors if other.wire_type == sensor.wire_type]
@@ -128,14 +129,14 @@ def pending_report(
         robot: its number in the simulation.
         dialect: of the lines.
     """
-    wanted = [sensor.rays(state) for sensor in sensors]
+    begun = [kind.begin(tuple(alike), state) for kind, alike in groupby(sensors, type)]
 
     def finish(hits: Sequence[RayHits]) -> list[str]:
-        measured, begin = [], 0
-        for sensor, rays in zip(sensors, wanted, strict=True):
-            if sensor.measure(state, hits[begin : begin + len(rays)]):
-                measured.append(sensor)
+        measured: list[Sensor] = []
+        begin = 0
+        for rays, measure in begun:
+            measured += measure(hits[begin : begin + len(rays)])
             begin += len(rays)
         return sen_lines(measured, state.time, dialect)
 
-    return PendingReport(state.snapshot, robot, [fan for rays in wanted for fan in rays], finish)
+    return PendingReport(state.snapshot, robot, [fan for rays, _ in begun for fan in rays], finish)

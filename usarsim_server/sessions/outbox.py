@@ -127,12 +127,17 @@ class Outbox:
         """
         call = False
         with self._lock:
-            for line in lines:
-                if line and not self._closed:
-                    self._stream.append((self._number(), line))
-                    self._stream_bytes += len(line)
-                    self._trim_stream()
-                    call = self._call() or call
+            if not self._closed:
+                number, size = self._next, 0
+                for line in lines:
+                    if line:
+                        number += 1
+                        size += len(line)
+                        self._stream.append((number, line))
+                self._next = number
+                self._stream_bytes += size
+                self._trim_stream()
+                call = self._call()
         if reply:
             self.put_reply(reply)
         if call:

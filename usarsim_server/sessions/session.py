@@ -105,7 +105,7 @@ class Session(Mailbox):
             apart: it has a thread of its own. Otherwise whatever is slow is left for then.
         """
         self._begun = False
-        executed, started = 0, time.thread_time()
+        executed, started = 0, 0.0
         while self._interventions and not self._closed:
             self._intervene()
         while executed < FLOOD and self._commands and not (self._closed or self._ticks.barred):
@@ -119,6 +119,8 @@ class Session(Mailbox):
                 command = self._commands.popleft()
             except IndexError:
                 break
+            if not executed:
+                started = time.thread_time()
             executed += 1
             self._taken += command.weight
             role, self._planning, tap = self._role, slow, self.tap

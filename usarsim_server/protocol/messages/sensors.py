@@ -57,12 +57,13 @@ def sensor_line(
     """
     if not items:
         return ""
-    stamp = () if time is None else (time_segment(time, time_digits),)
+    body = ["SEN"] if time is None else ["SEN", time_segment(time, time_digits)]
+    body.append(label("Type", wire_type))
     if multi_pair and FACETS[dialect].multi_pair:
-        body = [_multi_pair(item) for item in items]
+        body += [_multi_pair(item) for item in items]
     else:
-        body = _separate(items)
-    return line("SEN", *stamp, label("Type", wire_type), *body)
+        body += _separate(items)
+    return " ".join(body)
 
 
 def sensor_geometry(
@@ -104,10 +105,11 @@ def carrier(mount: str, mount_link: int | None) -> tuple[str, ...]:
 
 def _separate(items: Sequence[Item]) -> list[str]:
     body: list[str] = []
-    for item in items:
-        if item.name:
-            body.append(label("Name", item.name))
-        body += [segment(key, value) for key, value in item.segments]
+    for name, segments in items:
+        if name:
+            body.append(label("Name", name))
+        for key, value in segments:
+            body.append(segment(key, value))
     return body
 
 

@@ -133,10 +133,8 @@ def join(fans: Sequence[RayFan]) -> RayBatch:
     begins = np.zeros(len(fans) + 1, dtype=np.intp)
     np.cumsum(counts, out=begins[1:])
     directions = np.concatenate([fan.directions for fan in fans])
-    if all(fan.origin.ndim == 1 for fan in fans):
-        origins = np.repeat(np.array([fan.origin for fan in fans]), counts, axis=0)
-    else:
-        origins = np.concatenate(
-            [np.broadcast_to(fan.origin, fan.directions.shape) for fan in fans]
-        )
+    origins = np.empty_like(directions)
+    places = begins.tolist()
+    for fan, begin, end in zip(fans, places, places[1:], strict=False):
+        origins[begin:end] = fan.origin
     return RayBatch(fans, origins, directions, begins, np.repeat(np.arange(len(fans)), counts))
