@@ -292,10 +292,22 @@ def test_vector_joins_with_commas() -> None:
     assert vector((), 4) == ""
 
 
-@given(st.lists(FINITE, max_size=20), st.integers(min_value=0, max_value=4))
+@given(st.lists(FINITE, max_size=20), st.integers(min_value=0, max_value=5))
 def test_ranges_equals_vector(values: list[float], digits: int) -> None:
-    """The fast list printer and the plain one give the same text."""
+    """The fast list printer and the plain one give the same text, also where it looks it up."""
     assert ranges(np.array(values), digits) == vector(values, digits)
+    small = [math.fmod(value, 10_001.0) for value in values]
+    assert ranges(small, digits) == vector(small, digits)
+
+
+def test_ranges_at_the_steps_of_its_tables() -> None:
+    """2.1: whole numbers, halves of the last digit and what rounding makes of them, either sign."""
+    steps = np.array([0.0, 9.0, 10.0, 99.0, 999.0, 9998.0, 9999.0, 10_000.0])
+    for digits in range(6):
+        last = 10.0**-digits
+        near = np.add.outer(steps, last * np.array([-1.0, -0.5, -1e-4, 0.0, 1e-4, 0.5, 1.0]))
+        for values in (near, -near):
+            assert ranges(values, digits) == vector(values.ravel().tolist(), digits)
 
 
 @given(st.lists(st.floats(width=32), min_size=1, max_size=20))

@@ -25,6 +25,7 @@ from sensor_fakes import (
 
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.dialects import ANGLE_UNIT, announced_angle
+from usarsim_server.sensors.base import Sensor
 from usarsim_server.sensors.inertial import angle_difference, each_turn
 from usarsim_server.sensors.ranges import AHEAD, cone_directions, fan_at, wire_directions
 from usarsim_server.simulation.frames import Pose, pose_from_wire
@@ -241,6 +242,31 @@ def test_noise_is_off_by_default_and_gaussian_when_asked_for() -> None:
     assert np.std(readings) == pytest.approx(0.02, rel=0.1)
     read(plain, scene=scene)
     assert plain.range == pytest.approx(2.0, abs=1e-9)
+
+
+def test_a_ring_reads_what_its_sonars_read() -> None:
+    """Sonars that report together are one fan; noise is each one's own, and so are the limits."""
+    robot, scene = FakeRobot(), Scene(wall_ahead(3.0), Pole(1.5, 0.4, 0.2))
+    robot.place((0.2, 0.1, 0.0), (0.02, -0.03, 0.1))
+
+    def ring() -> tuple[Sensor, ...]:
+        keys = ({}, {"noise": 0.02}, {"beam_angle": 1.0, "min_range": 2.9}, {"max_incidence": 0.5})
+        return tuple(
+            make("Sonar", f"F{number}", rotation=(0.0, 0.0, 0.4 * number - 0.6), **key)
+            for number, key in enumerate(keys)
+        )
+
+    alone, together = ring(), ring()
+    for _ in range(3):
+        for sonar in alone:
+            read(sonar, robot, scene)
+        fans, measure = together[0].begin(together, robot)
+        assert len(fans) == 1
+        assert measure(scene(fans)) == together
+        assert [one.data(UDK) for one in together] == [one.data(UDK) for one in alone]
+    assert len({one.data(UDK) for one in together}) > 2
+    odd = (*ring(), make("Sonar", cones=1))
+    assert len(odd[0].begin(odd, robot)[0]) == len(odd), "not alike: one after the other"
 
 
 def test_the_sensor_looks_along_its_mount() -> None:

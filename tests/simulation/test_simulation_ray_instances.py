@@ -89,6 +89,11 @@ class TestOneScene:
         )
         nobody = np.full(ROBOTS, -1)
         assert (bodies.first_met(places, ways, np.full(ROBOTS, 5.0), nobody) == numbers + 7).all()
+        away = places + [0.0, 0.0, 2.0] * (numbers % 3 == 1)[:, None]
+        bodies.move(turns, away)
+        seen = bodies.first_met(places, ways, np.full(ROBOTS, 5.0), 2 * numbers + 3)
+        last = (numbers + 1 == ROBOTS) | ((numbers + 1) % 3 == 1)
+        assert (seen == np.where(last, -1, numbers + 8)).all(), "some have been moved away"
 
     def test_a_shape_without_a_surface_is_not_met(self) -> None:
         """Nothing is placed where there is nothing to see."""

@@ -129,7 +129,8 @@ def pending_report(
         robot: its number in the simulation.
         dialect: of the lines.
     """
-    begun = [kind.begin(tuple(alike), state) for kind, alike in groupby(sensors, type)]
+    groups = [tuple(alike) for _, alike in groupby(sensors, type)]
+    begun = [alike[0].begin(alike, state) for alike in groups]
 
     def finish(hits: Sequence[RayHits]) -> list[str]:
         measured: list[Sensor] = []

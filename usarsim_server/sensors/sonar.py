@@ -65,7 +65,7 @@ class Sonar(SingleRange):
 
     def distance(self, hits: Sequence[RayHits]) -> float:
         """The centre ray, or a nearer ray of the cone that meets its surface squarely."""
-        return self.heard(*self._ring_of((self,)).nearest(hits[0]))
+        return self.heard(float(self._ring_of((self,)).nearest(hits[0])[0]))
 
     def heard(self, nearest: float) -> float:
         """The reading (m), given how far away the nearest echo is."""
@@ -81,7 +81,7 @@ class Sonar(SingleRange):
         ring = first._ring_of(sensors)
 
         def measure(hits: Sequence[RayHits]) -> Sequence[Sensor]:
-            for sonar, nearest in zip(sensors, ring.nearest(hits[0]), strict=True):
+            for sonar, nearest in zip(sensors, ring.nearest(hits[0]).tolist(), strict=True):
                 sonar.range = sonar.heard(nearest)
             return sensors
 
@@ -135,12 +135,13 @@ class _Ring:
         origin = starts[0] if one else starts.repeat(len(first.directions), axis=0)
         return RayFan(origin, self._sent, first.max_range, normals=True)
 
-    def nearest(self, hits: RayHits) -> list[float]:
+    def nearest(self, hits: RayHits) -> Array:
         """Of each the nearest echo (m), infinity if there is none."""
         distances = hits.distances.reshape(len(self.sonars), -1)
         if hits.normals is None:
-            return distances[:, 0].tolist()
+            return distances[:, 0]
         against = np.einsum("ij,ij->i", hits.normals, self._sent).reshape(distances.shape)
         heard = against < -self._facing
         heard[:, 0] = True  # the centre ray counts whatever it meets
-        return np.where(heard, distances, np.inf).min(axis=1).tolist()
+        echoes: Array = np.where(heard, distances, np.inf).min(axis=1)
+        return echoes

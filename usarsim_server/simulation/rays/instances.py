@@ -123,7 +123,7 @@ def add_mesh(scene: rtcore_scene.EmbreeScene, faces: NDArray[np.float32]) -> Non
 
 
 class PlacedBodies:
-    """Bodies where they are at one instant."""
+    """Bodies where they are at one instant, and once moved at another; one thread at a time."""
 
     def __init__(
         self,
@@ -145,12 +145,10 @@ class PlacedBodies:
         embree = library()
         if embree is None:
             raise RuntimeError("Embree cannot be asked on this machine")
-        self._intersect = embree.rtcIntersect16
+        self._embree = embree
         self._middle = places.mean(axis=0) if len(places) else np.zeros(3)
-        shifted = (places - self._middle)[:, None]
-        columns = np.concatenate([turns.transpose(0, 2, 1), shifted], axis=1)
-        columns = columns.astype(np.float32, order="C")
-        address = columns.ctypes.data
+        self._columns = np.full((len(bodies), 4, 3), np.nan, np.float32)
+        """Where each stands, as Embree was told last: axes of its frame, and its origin."""
         owner = _handle(device())
         team = np.unique(robots[robots >= 0])
         self._tops = [embree.rtcNewScene(owner) for _ in range(max(1, -(-len(team) // ROBOTS)))]
@@ -162,21 +160,34 @@ class PlacedBodies:
             self._seen[place // ROBOTS, robot] ^= np.uint32(1 << place % ROBOTS)
         ranks = np.where(robots < 0, -1, np.searchsorted(team, robots)).tolist()
         weakref.finalize(self, _release, embree, self._tops).atexit = False
-        listed = zip(scenes, bodies.tolist(), ranks, strict=True)
-        for number, (scene, body, rank) in enumerate(listed):
+        self._instances: list[int | None] = []
+        for scene, body, rank in zip(scenes, bodies.tolist(), ranks, strict=True):
             if scene is None:
+                self._instances.append(None)
                 continue
             top = self._tops[max(rank, 0) // ROBOTS]
             instance = embree.rtcNewGeometry(owner, _INSTANCE)
             embree.rtcSetGeometryInstancedScene(instance, _handle(scene))
             embree.rtcSetGeometryMask(instance, _EVERY_BIT if rank < 0 else 1 << rank % ROBOTS)
-            matrix = address + number * columns.strides[0]
-            embree.rtcSetGeometryTransform(instance, 0, _COLUMNS_OF_FLOATS, matrix)
-            embree.rtcCommitGeometry(instance)
             embree.rtcAttachGeometryByID(top, instance, body)
-            embree.rtcReleaseGeometry(instance)
+            embree.rtcReleaseGeometry(instance)  # from now on the scene keeps it
+            self._instances.append(instance)
+        self.move(turns, places)
+
+    def move(self, turns: Array, places: Array) -> None:
+        """Place the same bodies anew, see `__init__`; what stands still costs nothing."""
+        shifted = (places - self._middle)[:, None]
+        columns = np.concatenate([turns.transpose(0, 2, 1), shifted], axis=1)
+        moved = np.flatnonzero((columns.astype(np.float32) != self._columns).any(axis=(1, 2)))
+        self._columns[moved] = columns[moved]
+        place, commit = self._embree.rtcSetGeometryTransform, self._embree.rtcCommitGeometry
+        begin, step = self._columns.ctypes.data, self._columns.strides[0]
+        for number in moved.tolist():
+            if (instance := self._instances[number]) is not None:
+                place(instance, 0, _COLUMNS_OF_FLOATS, begin + number * step)
+                commit(instance)
         for top in self._tops:
-            embree.rtcCommitScene(top)
+            self._embree.rtcCommitScene(top)
 
     def first_met(
         self, origins: Array, directions: Array, reach: Array, hidden: Numbers
@@ -188,6 +199,7 @@ class PlacedBodies:
             reach: (n,) how far the rays go, m.
             hidden: (n,) the robot, one of those placed, that each ray does not see; -1 for none.
         """
+        intersect = self._embree.rtcIntersect16
         count = len(origins)
         packets = -(-count // _WIDTH)
         words = _aligned(packets)
@@ -208,7 +220,7 @@ class PlacedBodies:
             masks[:count] = seen[hidden]
             numbers[:, _MASK] = masks.reshape(packets, _WIDTH)
             for packet in range(begin, begin + packets * step, step):
-                self._intersect(lanes_used, top, packet, None)
+                intersect(lanes_used, top, packet, None)
         met = words.view(np.int32)[:, _INSTANCE_ID].reshape(-1)[:count]
         return met.astype(np.intp)
 

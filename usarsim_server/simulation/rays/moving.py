@@ -10,6 +10,7 @@ meets first, so that a ray is turned once and spheres are not looked at.
 
 from __future__ import annotations
 
+import threading
 import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -66,7 +67,6 @@ class _Moment:
     bodies, in the world, m."""
     places: Array
     centres: Array
-    bodies: PlacedBodies | None = None  # all in one scene, as soon as somebody asks
 
 
 class DynamicGeometry:
@@ -106,6 +106,9 @@ class DynamicGeometry:
         counts = [len(one.geoms) for one in self._bodies]
         self._geom_begin = np.cumsum([0, *counts]).astype(np.intp)
         self._moment: _Moment | None = None
+        self._placing = threading.Lock()
+        self._placed: tuple[_Moment, Numbers, PlacedBodies] | None = None
+        """All bodies in one scene, their places in the list of all, and when they stood there."""
 
     def cast(
         self,
@@ -153,11 +156,10 @@ class DynamicGeometry:
         moment = self._at(snapshot)
         if len(batch.fan) * len(moment.trees) < MANY_PAIRS or library() is None:
             return None
-        if moment.bodies is None:
-            # Two threads may both do this, too.
-            moment.bodies = self._place(moment)
         hidden = self._own(snapshot, moment, viewers)[batch.fan]
-        first = moment.bodies.first_met(batch.origins, batch.directions, batch.ranges, hidden)
+        with self._placing:
+            placed = self._place(moment)
+            first = placed.first_met(batch.origins, batch.directions, batch.ranges, hidden)
         rays = np.flatnonzero(first >= 0)
         bodies = first[rays]
         distances, geoms, facing = self._hits(moment, batch, rays, bodies, normals)
@@ -261,16 +263,24 @@ class DynamicGeometry:
         return _Moment(weakref.ref(snapshot), trees, spheres, turns, places, centres)
 
     def _place(self, moment: _Moment) -> PlacedBodies:
-        """All bodies that are there in one scene; what a ray does not see is a tree there."""
-        there = np.flatnonzero(np.isin(self._trees, moment.trees))
-        robots = np.where(self._is_robot[moment.trees], np.arange(len(moment.trees)), -1)
-        return PlacedBodies(
-            [self._bodies[body].full.embree for body in there.tolist()],
-            there,
-            np.repeat(robots, self._count[moment.trees]),
-            moment.turns[there],
-            moment.places[there],
-        )
+        """All bodies that are there in one scene (lock held); what a ray does not see is a tree
+        there. Nothing is made anew as long as the same ones are there."""
+        if self._placed is not None and np.array_equal(self._placed[0].trees, moment.trees):
+            before, there, bodies = self._placed
+            if before is not moment:
+                bodies.move(moment.turns[there], moment.places[there])
+        else:
+            there = np.flatnonzero(np.isin(self._trees, moment.trees))
+            robots = np.where(self._is_robot[moment.trees], np.arange(len(moment.trees)), -1)
+            bodies = PlacedBodies(
+                [self._bodies[body].full.embree for body in there.tolist()],
+                there,
+                np.repeat(robots, self._count[moment.trees]),
+                moment.turns[there],
+                moment.places[there],
+            )
+        self._placed = moment, there, bodies
+        return bodies
 
     def _own(self, snapshot: Snapshot, moment: _Moment, viewers: list[int | None]) -> Numbers:
         """Place in the list of present trees of each fan's own robot, -1 for none."""
