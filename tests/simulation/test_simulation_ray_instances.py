@@ -91,7 +91,7 @@ class TestOneScene:
         assert (bodies.first_met(places, ways, np.full(ROBOTS, 5.0), nobody) == numbers + 7).all()
         away = places + [0.0, 0.0, 2.0] * (numbers % 3 == 1)[:, None]
         bodies.move(turns, away)
-        seen = bodies.first_met(places, ways, np.full(ROBOTS, 5.0), 2 * numbers + 3)
+        seen = bodies.first_met(places, ways, np.full(ROBOTS, 4.0), 2 * numbers + 3)
         last = (numbers + 1 == ROBOTS) | ((numbers + 1) % 3 == 1)
         assert (seen == np.where(last, -1, numbers + 8)).all(), "some have been moved away"
 
