@@ -20,6 +20,7 @@ from usarsim_server.simulation.articulation import HandModel, JointModel, ToolMo
 from usarsim_server.simulation.frames import Pose, pose_of
 from usarsim_server.simulation.ground import Surface
 from usarsim_server.simulation.mailbox import yield_interpreter
+from usarsim_server.simulation.midphase import improve_trees
 from usarsim_server.simulation.motion_laws import LawModel
 from usarsim_server.simulation.snapshot import RobotLayout
 
@@ -207,6 +208,7 @@ class Blueprint:
             ValueError: if MuJoCo cannot compile it.
         """
         model = self._spec.compile()
+        improve_trees(model, apart=model.geom(SHELF_NAME).id)
         slots = tuple(self.slots)
         parking = np.zeros((len(slots), 7))
         for slot, robot in enumerate(slots):
