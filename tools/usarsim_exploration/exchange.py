@@ -90,9 +90,11 @@ class Exchange:
         maps = [body.view.known for body in group]
         numbers = [body.view.number for body in group]
         fresh = np.zeros(maps[0].bits.size, np.bool_)  # to somebody
-        for giver, known in zip(numbers, maps, strict=True):
-            synced = self._synced[[one for one in numbers if one != giver], giver]
-            for since, takers in Counter(synced.tolist()).items():
+        synced = self._synced[np.ix_(numbers, numbers)].T.tolist()
+        for index, known in enumerate(maps):
+            since_of_takers = synced[index]
+            del since_of_takers[index]
+            for since, takers in Counter(since_of_takers).items():
                 cells = known.changed_since(since)
                 runs = tell(known.bits.reshape(-1), cells, fresh)
                 self.cells_sent += takers * len(cells)
@@ -120,7 +122,7 @@ class Exchange:
             present[body.view.number] = own
             self.bytes_sent += (len(group) - 1) * (HEAD + own.size)
         absent: dict[int, Teammate] = {}
-        for body in group:
+        for body in group if len(group) < len(self._synced) else ():
             for other, known in body.view.teammates.items():
                 newest_of = absent[other].heard if other in absent else -1
                 if other not in present and known.heard > newest_of:

@@ -119,6 +119,8 @@ class KnownMap:
         """Cells that changed after a step, sorted, each once."""
         first = bisect.bisect_right(self._journal, step, key=itemgetter(0))
         groups = [cells for _, cells in self._journal[first:]]
+        if len(groups) == 1:
+            return groups[0].astype(np.int64)
         return once(self.bits.size, np.concatenate(groups or [_NONE]))
 
     def news(self, cells: Cells) -> Bits:
@@ -157,7 +159,7 @@ class KnownMap:
         self.write(step, cells, self._flat[cells] & ~np.uint8(bit))
 
     def _note(self, step: int, cells: NDArray[np.int32], more: NDArray[np.int64]) -> None:
-        """Count what changed, and write the journal; shortened when half a map longer than then.
+        """Count what changed, and write the journal; shortened when a map longer than then.
 
         Args:
             cells: sorted. more: free ones, those at base, relayed ones.
@@ -170,7 +172,7 @@ class KnownMap:
         self.relayed += relayed
         self._journal.append((step, cells))
         self._entries += len(cells)
-        if self._entries > self._kept + self.bits.size // 2:
+        if self._entries > self._kept + self.bits.size:
             self._shorten()
 
     def _shorten(self) -> None:

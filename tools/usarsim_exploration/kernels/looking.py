@@ -99,8 +99,8 @@ def take_in(
         fill(mask, cells[scan], free_ends[scan], left, top)
     for row in range(bottom - top):
         for column in range(right - left):
-            if mask[row, column] and not part[row, column] & KNOWN:
-                part[row, column] |= FREE
+            unknown = np.uint8(part[row, column] & KNOWN == 0)  # no branch: many cells at once
+            part[row, column] |= mask[row, column] & unknown
     mask[:] = 0
     for scan in range(len(cells)):
         fill(mask, cells[scan], near_ends[scan], left, top)
@@ -111,7 +111,8 @@ def take_in(
         for column in range(left_, right_ + 1):
             old, inside = bits[row, column], mask[row - top, column - left]
             supposed = old & (WALL | SAFE) != WALL | SAFE  # no point of a wall that was measured
-            if inside and supposed and surrounded(bits, row, column):
+            new = old & ~MARKS != FREE | SAFE
+            if inside and supposed and new and surrounded(bits, row, column):
                 bits[row, column] = old & MARKS | FREE | SAFE
     if driven:
         for scan in range(len(cells)):
