@@ -12,6 +12,8 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Literal
 
+import numpy as np
+
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.exploring import way_to
 from usarsim_exploration.rendezvous import ranked
@@ -50,7 +52,11 @@ class Schedule(FrontierStrategy):
     """Meets the whole team now and then."""
 
     interval: int = field(
-        default=120, low=10, high=10**6, unit="steps", help="between two meetings at least"
+        default=120,
+        low=10,
+        high=10**6,
+        unit="steps",
+        help="between two meetings, beside those of the ways to frontiers and back",
     )
     patience: int = field(
         default=25, low=0, high=50, unit="steps", help="for which robots that are late are waited"
@@ -120,9 +126,15 @@ class Schedule(FrontierStrategy):
         base = view.planner.field(view.base)
         way = (base.distance(view.cell) + base.distance(place)) / view.speed
         trip = math.ceil(way) if courier is not None and math.isfinite(way) else 0
-        return Appointment(
-            view.step, view.number, place, view.step + max(self.interval, trip), courier
-        )
+        time = max(self.interval + self._trip(view, place), trip)
+        return Appointment(view.step, view.number, place, view.step + time, courier)
+
+    def _trip(self, view: View, place: Cell) -> int:
+        """Steps to a frontier and on to a place, the mean over frontiers: else nobody got there."""
+        cells = np.array([aim.cell for aim in self.aims(view)])
+        there, back = (view.planner.field(end).distances(cells) for end in (view.cell, place))
+        ways = (there + back)[np.isfinite(there + back)]
+        return math.ceil(ways.mean() / view.speed) if len(ways) else 0
 
     def _follow(self, view: View, meeting: Appointment) -> None:
         self.next = meeting
