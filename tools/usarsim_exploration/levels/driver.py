@@ -28,7 +28,7 @@ _SHORT = 0.4
 """m from its end within which a wall ahead ends the route."""
 _AFRESH = 1.0
 """m from where a robot backed off first, beyond which it is no longer at the same obstacle."""
-_TURN = 1.2
+_TURN = 2.0
 """rad/s at most."""
 _BACK = 0.2
 """m/s of a robot that backs off."""

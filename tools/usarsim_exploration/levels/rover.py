@@ -13,7 +13,7 @@ from usarsim_exploration.environment import Cell
 from usarsim_exploration.levels.controller import Controller
 from usarsim_exploration.levels.driver import Driver
 from usarsim_exploration.levels.serving import OwnServer
-from usarsim_exploration.localisation import Disc, Localiser, Pose, compose, relative
+from usarsim_exploration.localisation import Disc, Evidence, Localiser, Pose, compose, relative
 
 if TYPE_CHECKING:
     from usarsim_exploration.cycle import Body
@@ -70,11 +70,13 @@ class Rover:
     Attributes:
         pose, scanned: where it believes to be, and to have been at its newest scan. taken: pose of
             the scan that it took in last. visited: cells of this step. others: where it believes
-            the base and other robots to be. reckoning: where it would be by what it feels.
+            the base and other robots to be. reckoning: where it would be by what it feels. evidence: of its own
+            scans against walls of its map.
     """
 
     body: Body
     controller: Controller
+    evidence: Evidence
     driver: Driver
     localiser: Localiser
     pose: Pose

@@ -17,7 +17,8 @@ import numpy as np
 from usarsim_client import ProtocolError
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.errors import ExplorationError
-from usarsim_exploration.known_map import FREE, KNOWN, SAFE, WALL
+from usarsim_exploration.kernels.steps import MARKS
+from usarsim_exploration.known_map import FELT, FREE, KNOWN, SAFE, WALL
 from usarsim_exploration.levels.air import Air
 from usarsim_exploration.levels.controller import Controller, DeadError
 from usarsim_exploration.levels.driver import Driver
@@ -31,6 +32,7 @@ from usarsim_exploration.localisation import (
     INERTIAL,
     WHEELS,
     Disc,
+    Evidence,
     Localiser,
     Pose,
     rasterise,
@@ -157,10 +159,11 @@ class ServerLevel:
             if math.isfinite(one.top):
                 driver.limit(one.top)
             reach = body.member.reach * self._cell
+            evidence = Evidence(self._shape)
             mode, mount = self._physics.localisation, (one.mount, 0.0, 0.0)
             motion = INERTIAL if told is not None else WHEELS
             localiser = Localiser(mode, start, size, reach, mount, motion)
-            self._rovers.append(Rover(body, one, driver, localiser, start, start))
+            self._rovers.append(Rover(body, one, evidence, driver, localiser, start, start))
         self._begun = self.time
         for rover in self._rovers:
             rover.others = self._discs(cycle, rover)
@@ -338,6 +341,10 @@ class ServerLevel:
         known = body.view.known
         cycle.count(body, known.take_in(cycle.step, scans, rover.taken is not None))
         rover.taken = rover.scanned
+        through = rover.evidence.add(scans)
+        wrong = through[known.news(through) & (WALL | SAFE | FELT) == WALL | SAFE]
+        bits = known.news(wrong) & np.uint8(MARKS) | np.uint8(FREE | SAFE)
+        known.write(cycle.step, wrong, bits)
         # where it stands there is nothing else
         around = np.array(self._at(rover.pose)) + disc_cells(_UNDER / cell)
         rows, columns = self._shape

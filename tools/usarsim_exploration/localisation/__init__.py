@@ -9,6 +9,7 @@ towards y. So a pose in the wire frame of a server that runs a world of `worlds.
 same x and heading, and its y is less by the height of the world.
 """
 
+from usarsim_exploration.localisation.evidence import Evidence
 from usarsim_exploration.localisation.localiser import (
     INERTIAL,
     MODES,
@@ -21,6 +22,6 @@ from usarsim_exploration.localisation.poses import Disc, Pose, compose, relative
 from usarsim_exploration.localisation.rasterising import rasterise
 
 __all__ = [
-    "INERTIAL", "MODES", "WHEELS", "Disc", "Localiser", "Mode", "Motion", "Pose", "compose",
+    "INERTIAL", "MODES", "WHEELS", "Disc", "Evidence", "Localiser", "Mode", "Motion", "Pose", "compose",
     "rasterise", "relative",
 ]  # fmt: skip
