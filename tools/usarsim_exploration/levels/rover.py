@@ -70,8 +70,8 @@ class Rover:
     Attributes:
         pose, scanned: where it believes to be, and to have been at its newest scan. taken: pose of
             the scan that it took in last. visited: cells of this step. others: where it believes
-            the base and other robots to be. reckoning: where it would be by what it feels. evidence: of its own
-            scans against walls of its map.
+            the base and other robots to be. reckoning: where it would be by what it feels.
+            evidence: of its own scans against walls of its map.
     """
 
     body: Body

@@ -38,6 +38,7 @@ from usarsim_exploration.localisation import (
     rasterise,
 )
 from usarsim_exploration.localisation.poses import wrap
+from usarsim_exploration.measures.contacts import Contacts
 from usarsim_exploration.measures.reality import Ways, of_map
 from usarsim_exploration.post import Message
 from usarsim_exploration.radio import Links, Radio
@@ -107,7 +108,7 @@ class ServerLevel:
         self._rovers: list[Rover] = []
         self.time = self._begun = 0.0
         self.lost: list[str] = []
-        self._ways = Ways()
+        self._ways, self._contacts = Ways(), Contacts()
         try:
             for number, member in enumerate(self._team):
                 kind = STATION if number == 0 else physics.robot
@@ -212,7 +213,8 @@ class ServerLevel:
             "stuck_s": sum(one.stuck for one in drivers),
             "recoveries": float(sum(one.recoveries for one in drivers)),
         }
-        return of_map(cycle.bodies[0].view, cycle.environment) | self._ways.facts() | told
+        found = of_map(cycle.bodies[0].view, cycle.environment)
+        return found | self._ways.facts() | self._contacts.facts() | told
 
     @property
     def roads(self) -> set[int]:
@@ -277,7 +279,7 @@ class ServerLevel:
             self._locate(rover)
             if drive and rover.body.works:
                 self._watch(cycle, rover)
-        self._judge([one for one in present if one.controller.name not in self.lost])
+        self._judge(cycle, [one for one in present if one.controller.name not in self.lost])
         self.time += self._physics.control
 
     @staticmethod
@@ -309,7 +311,7 @@ class ServerLevel:
         told = one.truth(seen=seen)
         return told and (told[0], told[1] + self._tall, told[2])
 
-    def _judge(self, present: list[Rover]) -> None:
+    def _judge(self, cycle: Cycle, present: list[Rover]) -> None:
         """Note where robots truly are, for measures; they do not learn of it."""
         poses = {}
         for rover in present:
@@ -317,6 +319,8 @@ class ServerLevel:
             if true is not None and wheels is not None:
                 poses[rover.body.view.number] = true, rover.pose, wheels
         self._ways.note(poses, self._physics.control)
+        bodies = {number: pose for number, (pose, _, _) in poses.items()}
+        self._contacts.note(bodies, cycle.environment)
 
     def _watch(self, cycle: Cycle, rover: Rover) -> None:
         """Note where the robot has come, and take in what it sees from there."""

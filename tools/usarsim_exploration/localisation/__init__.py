@@ -22,6 +22,6 @@ from usarsim_exploration.localisation.poses import Disc, Pose, compose, relative
 from usarsim_exploration.localisation.rasterising import rasterise
 
 __all__ = [
-    "INERTIAL", "MODES", "WHEELS", "Disc", "Evidence", "Localiser", "Mode", "Motion", "Pose", "compose",
-    "rasterise", "relative",
+    "INERTIAL", "MODES", "WHEELS", "Disc", "Evidence", "Localiser", "Mode", "Motion", "Pose",
+    "compose", "rasterise", "relative",
 ]  # fmt: skip

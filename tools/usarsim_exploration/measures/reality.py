@@ -96,6 +96,15 @@ _declare(
     "near_others", "Near others", "robot s",
     "Simulated time in which a robot had another one within 1 m, of all robots together.",
 )  # fmt: skip
+_declare(
+    "hit_walls", "Collisions with walls", "1",
+    "How often a robot came to touch a wall, its bumpers within 1 cm of it, and had been at least "
+    "4 cm away since the last time; by where robots truly were at each tick, of all together.",
+)  # fmt: skip
+_declare(
+    "hit_robots", "Collisions of robots", "1",
+    "How often two robots came to touch each other, likewise.",
+)  # fmt: skip
 
 
 @dataclass
