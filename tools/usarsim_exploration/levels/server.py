@@ -347,7 +347,7 @@ class ServerLevel:
         rover.taken = rover.scanned
         through = rover.evidence.add(scans)
         wrong = through[known.news(through) & (WALL | SAFE | FELT) == WALL | SAFE]
-        bits = known.news(wrong) & np.uint8(MARKS) | np.uint8(FREE | SAFE)
+        bits = known.news(wrong) & np.uint8(MARKS) | np.uint8(FREE)
         known.write(cycle.step, wrong, bits)
         # where it stands there is nothing else
         around = np.array(self._at(rover.pose)) + disc_cells(_UNDER / cell)
