@@ -13,7 +13,15 @@ from float_rays import FAN, drive, read
 
 from usarsim_exploration.environment import Cell, Environment
 from usarsim_exploration.known_map import FREE, SAFE, WALL, KnownMap
-from usarsim_exploration.localisation import Localiser, Mode, Pose, compose, rasterise, relative
+from usarsim_exploration.localisation import (
+    Evidence,
+    Localiser,
+    Mode,
+    Pose,
+    compose,
+    rasterise,
+    relative,
+)
 from usarsim_exploration.worlds import find
 
 OFFICE: list[Cell] = [(22, 51), (126, 80), (136, 140), (210, 148), (210, 51), (22, 51)]
@@ -217,3 +225,32 @@ def test_what_a_beam_hits() -> None:
     assert not out.hits[0, 0]
     assert out.ends[0, 0].tolist() == [40, 0]
     assert out.hits[0, 90]
+
+
+def test_walls_that_are_not_there() -> None:
+    """EXP-16: beams go through what was seen from a wrong place, soon; through no true wall."""
+    world = find("lab").environment
+    base = find("lab").base
+    evidence = Evidence(world.shape)
+    column, row = base
+    here = (column + 0.5) * 0.1, (row + 0.5) * 0.1
+
+    def look(x: float, heading: float) -> set[int]:
+        ranges = read(world, (*here, heading), 8.0)
+        scans = rasterise((x, here[1], heading), ranges, FAN, 8.0, 0.1, world.shape)
+        return set(evidence.add(scans).tolist())
+
+    ranges = read(world, (*here, 0.0), 8.0)
+    wrong = rasterise((here[0] - 0.3, here[1], 0.0), ranges, FAN, 8.0, 0.1, world.shape)
+    for _ in range(9):
+        evidence.add(wrong)
+    columns, rows = wrong.ends[0, wrong.hits[0]].T
+    drawn = {
+        int(cell) for cell in rows * world.shape[1] + columns if not world.walls.reshape(-1)[cell]
+    }
+    assert len(drawn) > 20
+    told: list[set[int]] = [look(here[0], 0.0) for _ in range(20)]
+    assert not set.union(*told[:12]) & drawn
+    found = told[-1]
+    assert len(found & drawn) > 0.9 * len(drawn)
+    assert np.count_nonzero(world.walls.reshape(-1)[list(found)]) < 0.005 * len(found)

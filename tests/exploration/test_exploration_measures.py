@@ -14,6 +14,7 @@ from usarsim_exploration.history import NOWHERE, History
 from usarsim_exploration.known_map import FREE, SAFE, WALL
 from usarsim_exploration.measures import MEASURES, measure
 from usarsim_exploration.measures.base import DECLARED, declare, jain, lasting
+from usarsim_exploration.measures.contacts import HALF, Contacts
 from usarsim_exploration.measures.map_error import MapError, map_error
 from usarsim_exploration.measures.reality import Ways
 from usarsim_exploration.worlds import find
@@ -190,6 +191,29 @@ def test_ways_of_real_robots() -> None:
     assert found["odometry_drift"] == pytest.approx(100 * (0.2 + off) / 2)
 
 
+def test_collisions_of_real_robots() -> None:
+    """EXP-11: each begins once, ends with a gap; robots that only pass each other have none."""
+    world = Environment("room", np.pad(np.zeros((80, 80), np.uint8), 10, constant_values=1))
+    contacts = Contacts()
+
+    def at(*poses: tuple[float, float, float]) -> tuple[int, int]:
+        contacts.note(dict(enumerate(poses, 1)), world)
+        return contacts.walls, contacts.robots
+
+    wall = 1.0 + HALF[0]  # where the bumper of a robot that looks to the left touches it
+    assert at((wall + 0.05, 5.0, math.pi), (5.0, 5.0, 0.0)) == (0, 0)
+    assert at((wall + 0.005, 5.0, math.pi), (5.0, 5.0, 0.0)) == (1, 0)
+    assert at((wall + 0.03, 5.0, math.pi), (5.0, 5.0, 0.0)) == (1, 0)
+    assert at((wall + 0.06, 5.0, math.pi), (5.0, 5.0, 0.0)) == (1, 0)
+    assert at((wall - 0.01, 5.0, math.pi), (5.0, 5.0, 0.0)) == (2, 0)
+    beside = 5.0 + 2 * HALF[1]
+    assert at((5.0, beside + 0.05, 0.0), (5.0, 5.0, 0.0)) == (2, 0)
+    assert at((5.0, beside + 0.05, 0.3), (5.0, 5.0, 0.0)) == (2, 1)
+    assert at((5.0, beside + 0.3, 0.3), (5.0, 5.0, 0.0)) == (2, 1)
+    assert at((5.0, beside + 0.005, 0.0), (5.0, 5.0, 0.0)) == (2, 2)
+    assert contacts.facts() == {"hit_walls": 2.0, "hit_robots": 2.0}
+
+
 def test_measures_of_reality() -> None:
     """They are there where a history tells of them."""
     history = by_hand()
@@ -197,7 +221,7 @@ def test_measures_of_reality() -> None:
     assert not set(real) & set(measure(history))
     found = measure(replace(history, reality={"map_error": 0.04}))
     assert {name: found[name] for name in real} == dict.fromkeys(real) | {"map_error": 0.04}
-    assert set(Ways().facts()) < set(real)
+    assert set(Ways().facts()) | set(Contacts().facts()) < set(real)
 
 
 def test_nothing_to_tell() -> None:
