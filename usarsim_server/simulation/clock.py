@@ -332,13 +332,13 @@ class Stepper:
                 self._mail.wait(STAND_POLL)
                 self._keep_pace(self.speed)
                 continue
-            if self._ahead_of_reports():
-                self._mail.wait(CATCH_UP_POLL)
-                continue
             pacer = self._pacer
             wait = pacer.wait(self._engine.time, time.perf_counter())
             if wait > 0.0:
                 self._mail.wait(wait)
+                continue
+            if self._ahead_of_reports():
+                self._mail.wait(CATCH_UP_POLL)
                 continue
             self._turn(self._steps_to_due(BATCH_STEPS, self._stand_at))
             report = pacer.report(self._engine.time, time.perf_counter())

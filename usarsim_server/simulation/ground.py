@@ -307,16 +307,20 @@ class Compensation(Part):
     correction: after an impact it says nothing about what comes next.
     """
 
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._three = max(model.geom_condim.max(initial=0), model.pair_dim.max(initial=0)) <= 3
+
     def between(self, data: mujoco.MjData) -> None:
         """See `compensate`."""
-        compensate(data)
+        compensate(data, self._three)
 
 
-def compensate(data: mujoco.MjData) -> None:
+def compensate(data: mujoco.MjData, three: bool = False) -> None:
     """Remove the dilatancy of all active contacts of dimension three or more.
 
     To be called after `mj_step1` and before `mj_step2` of a model with the elliptic cone, whose
-    constraint rows of a contact are one normal row followed by the tangential rows.
+    constraint rows of a contact are one normal row followed by the tangential rows; `three`: none
+    has more than two of those.
     """
     contact = data.contact
     rows = contact.efc_address
@@ -324,15 +328,17 @@ def compensate(data: mujoco.MjData) -> None:
     if count == 0:
         return
     reference = data.efc_aref
-    acceleration = np.empty(data.nefc)
+    acceleration = np.empty(reference.size)
     mujoco.mj_mulJacVec(data.model, data, acceleration, data.qacc_warmstart)
     start = rows[0]
-    if start >= 0 and 3 * count == data.nefc - start and contact.dim.max() == 3:
+    block = reference[start:]
+    if start >= 0 and 3 * count == block.size and (three or contact.dim.max() == 3):
         # All contacts are active and of dimension three: their rows are one block at the end.
-        block = reference[start:].reshape(count, 3)
-        moved = acceleration[start:].reshape(count, 3)
-        slip = _slip(block[:, 1], block[:, 2], moved[:, 1], moved[:, 2])
-        block[:, 0] -= contact.friction[:, 0] * slip
+        moved = acceleration[start:]
+        slip = _slip(block[1::3], block[2::3], moved[1::3], moved[2::3])
+        slip *= contact.friction[:, 0]
+        normals = block[::3]
+        normals -= slip
         return
     frictional = (rows >= 0) & (contact.dim > 2)
     normal = rows[frictional]
@@ -345,6 +351,11 @@ def compensate(data: mujoco.MjData) -> None:
 
 def _slip(first: Array, second: Array, moved_first: Array, moved_second: Array) -> Array:
     """Norms of the tangential residuals, none longer than the references themselves."""
-    squares = first * first + second * second
-    first, second = first - moved_first, second - moved_second
-    return np.sqrt(np.minimum(squares, first * first + second * second))
+    squares = first * first
+    squares += second * second
+    left, beside = first - moved_first, second - moved_second
+    left *= left
+    beside *= beside
+    left += beside
+    np.minimum(squares, left, out=left)
+    return np.sqrt(left, out=left)

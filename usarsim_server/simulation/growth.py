@@ -53,7 +53,7 @@ class WorldParts(Parts):
         # Machines decide before bodies go; contacts are changed by the ground, compensated last.
         contacts: list[Part] = [Traction(model, options.surfaces)] if options.surfaces else []
         if options.compensation:
-            contacts.append(Compensation())
+            contacts.append(Compensation(model))
         first = (self.wheels, self.joints, self.laws, self.machines, self.moving, self.belts)
         super().__init__(*first, *contacts, self.hands, self.sleep)
 

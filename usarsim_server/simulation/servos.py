@@ -78,13 +78,16 @@ class _Servos(Part):
 
     def between(self, data: mujoco.MjData) -> None:
         """Hand the set points to the solver."""
-        if not (self._moving and data.nf):
+        if not self._moving:
             return
-        rows = slice(data.ne, data.ne + data.nf)
-        shift = data.efc_KBIP[rows, 1] * self._shift[data.efc_id[rows]]
+        first = data.ne
+        rows = slice(first, first + data.nf)
+        shift = self._shift[data.efc_id[rows]]
+        shift *= data.efc_KBIP[rows, 1]
         if self._tendons:  # their friction losses stand in the same rows
             shift[data.efc_type[rows] != mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF] = 0.0
-        data.efc_aref[rows] += shift
+        reference = data.efc_aref[rows]
+        reference += shift
 
 
 class WheelServos(_Servos):
@@ -111,6 +114,9 @@ class WheelServos(_Servos):
         slower = [slot.wheel_deceleration or slot.wheel_acceleration for slot in slots]
         self._increment = np.repeat(faster, counts) * self._timestep
         self._decrement = np.repeat(slower, counts) * self._timestep
+        self._same = np.array_equal(self._increment, self._decrement)
+        """Whether all slow down as fast as they speed up."""
+        self._negative = -self._increment
         self._delay = np.repeat([slot.brake_delay for slot in slots], counts)
         count = len(self._dofs)
         self._target = np.zeros(count)
@@ -120,6 +126,8 @@ class WheelServos(_Servos):
         self._engaged = np.zeros(count, dtype=bool)
         self._free = np.zeros(count, dtype=bool)
         self._steady = True
+        self._rested = True
+        """Whether a wheel may have been idle or held since the last look."""
 
     def command(self, slot: int, targets: Array) -> None:
         """Set the wheel speed targets (rad/s; NaN: rolls freely) of a slot, in part order."""
@@ -141,7 +149,7 @@ class WheelServos(_Servos):
     def _begin(self) -> None:
         """Give every wheel its drive, or none."""
         self._losses[self._dofs] = np.where(self._free, 0.0, self._torques)
-        self._steady = False
+        self._steady, self._rested = False, True
 
     def targets(self, slot: int) -> Array:
         """Commanded wheel speeds of a slot (rad/s)."""
@@ -181,12 +189,17 @@ class WheelServos(_Servos):
         """Advance all set points by one time step."""
         if self._steady:
             return
-        missing = self._target - self._setpoint
-        limit = np.where(missing * self._setpoint < 0.0, self._decrement, self._increment)
-        change = np.minimum(np.maximum(missing, -limit), limit)
+        change = self._target - self._setpoint
+        if self._same:
+            low, high = self._negative, self._increment
+        else:
+            high = np.where(change * self._setpoint < 0.0, self._decrement, self._increment)
+            low = -high
+        np.maximum(change, low, out=change)
+        np.minimum(change, high, out=change)
         self._setpoint += change
         still = (self._setpoint == 0.0) & (self._target == 0.0) & self._engaged
-        standing = bool(still.any())
+        standing = bool(np.count_nonzero(still))
         if standing:
             self._idle = np.where(still, self._idle + self._timestep, 0.0)
             braked = still & (self._idle >= self._delay)
@@ -196,11 +209,13 @@ class WheelServos(_Servos):
             back = np.clip(HOLD_GAIN * (self._hold - angles), -HOLD_SPEED, HOLD_SPEED)
             self._shift[self._dofs] = np.where(braked, back, self._setpoint)
         else:
-            self._idle[:], self._hold[:] = 0.0, np.nan
+            if self._rested:
+                self._idle[:], self._hold[:] = 0.0, np.nan
             self._shift[self._dofs] = self._setpoint
-        self._moving = bool(self._shift.any())
+        self._rested = standing
+        self._moving = bool(np.count_nonzero(self._shift))
         # While every wheel runs at its commanded speed there is nothing to update.
-        self._steady = not (standing or change.any())
+        self._steady = not (standing or np.count_nonzero(change))
 
 
 class JointServos(_Servos):
@@ -343,6 +358,13 @@ class JointServos(_Servos):
             *(self._positioned, self._target, self._rate),
             *(self._push, self._share, self._speed),
         )
+
+    def state(self, data: mujoco.MjData) -> ServoState:
+        return super().state(data) if len(self._joints) else ()
+
+    def restore(self, data: mujoco.MjData, state: ServoState) -> None:
+        if state:
+            super().restore(data, state)
 
     # -- stepping ----------------------------------------------------------------------------
 
