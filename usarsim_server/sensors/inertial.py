@@ -63,7 +63,12 @@ class AccelerationMeter:
 
 def angle_difference(new: Vector, old: Vector) -> Array:
     """Smallest turns (3,) that lead from one triple of angles to the other, rad."""
-    return np.array([wrap_signed(a - b) for a, b in zip(new, old, strict=True)])
+    return np.array(_turns(new, old))
+
+
+def _turns(new: Vector, old: Vector) -> Vector:
+    (a, b, c), (d, e, f) = new, old
+    return wrap_signed(a - d), wrap_signed(b - e), wrap_signed(c - f)
 
 
 def each_turn(angles: Vector | Array) -> Vector:
@@ -96,13 +101,14 @@ class InertialNavigation(Sensor):
         super().__init__(item, context)
         self._rng = context.rng
         means = self._rng.uniform(-0.5, 0.5, size=(2, 3)) if self.drifting else np.zeros((2, 3))
-        self._angle_means: Array = means[0] / self.precision**2
-        self._axis_means: Array = means[1] / self.precision
+        scales = np.array([[self.precision**2], [self.precision]])
+        self._means: list[float] = (means / scales).ravel().tolist()
+        """Of the random errors of three angles and three axes."""
         self._started = False
         self._aligned = False
-        self._location: Array = np.zeros(3)
+        self._location: Vector = (0.0, 0.0, 0.0)
         self._orientation: Vector = (0.0, 0.0, 0.0)
-        self._last_location: Array = np.zeros(3)
+        self._last_location: Vector = (0.0, 0.0, 0.0)
         self._last_orientation: Vector = (0.0, 0.0, 0.0)
 
     def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
@@ -110,17 +116,17 @@ class InertialNavigation(Sensor):
         location, orientation = wire_from_pose(robot.pose)
         if not self._started:
             own_location, own_orientation = wire_from_pose(self.world_pose(robot))
-            self._location = np.array(own_location)
+            self._location = own_location
             self._orientation = each_turn(own_orientation)
             self._started = True
         else:
-            self._advance(np.array(location), angle_difference(orientation, self._last_orientation))
-        self._last_location, self._last_orientation = np.array(location), orientation
+            self._advance(location, _turns(orientation, self._last_orientation))
+        self._last_location, self._last_orientation = location, orientation
         return True
 
     def data(self, dialect: Dialect) -> tuple[Segment, ...]:
         """Location and Orientation, two digits, angles in [0, 2 pi)."""
-        location = vector(self._location.tolist(), 2)
+        location = vector(self._location, 2)
         return (("Location", location), ("Orientation", vector(self._orientation, 2)))
 
     def set(self, opcode: str, params: str, robot: RobotState) -> SetResult:
@@ -131,22 +137,34 @@ class InertialNavigation(Sensor):
         if pose is None:
             return SetResult.FAILED
         location, orientation = wire_from_pose(robot.pose)
-        self._location = np.array(pose[:3])
-        self._orientation = each_turn(np.array(pose[3:]))
-        self._last_location, self._last_orientation = np.array(location), orientation
-        self._angle_means = self._axis_means = np.zeros(3)
+        x, y, z, *angles = pose
+        self._location = x, y, z
+        self._orientation = each_turn(np.array(angles))
+        self._last_location, self._last_orientation = location, orientation
+        self._means = [0.0] * 6
         self._started = self._aligned = True
         return SetResult.OK
 
-    def _advance(self, location: Array, turn: Array) -> None:
+    def _advance(self, location: Vector, turn: Vector) -> None:
         if not self._aligned:
-            self._aligned = bool(np.all(np.abs(turn) < ANGLE_UNIT))
+            self._aligned = all(abs(angle) < ANGLE_UNIT for angle in turn)
             return
-        step = location - self._last_location
-        angle_error = self._angle_means + self.sigma * self._rng.standard_normal(3)
-        axis_error = self._axis_means + self.sigma * self._rng.standard_normal(3)
-        self._orientation = each_turn(np.array(self._orientation) + turn * (1.0 + angle_error))
-        self._location = self._location + step + float(np.linalg.norm(step)) * axis_error
+        # Plain numbers: arrays of three take several times as long.
+        drawn = self._rng.standard_normal(6).tolist()
+        a, b, c, i, j, k = [
+            mean + self.sigma * one for mean, one in zip(self._means, drawn, strict=True)
+        ]
+        (roll, pitch, yaw), (droll, dpitch, dyaw) = self._orientation, turn
+        self._orientation = (
+            wrap_turn(roll + droll * (1.0 + a)),
+            wrap_turn(pitch + dpitch * (1.0 + b)),
+            wrap_turn(yaw + dyaw * (1.0 + c)),
+        )
+        (x, y, z), (u, v, w) = location, self._last_location
+        step = np.array((x - u, y - v, z - w))
+        way = math.sqrt(float(step.dot(step)))
+        (x, y, z), (u, v, w) = self._location, step.tolist()
+        self._location = x + u + way * i, y + v + way * j, z + w + way * k
 
 
 def _six_numbers(text: str) -> list[float] | None:

@@ -149,6 +149,7 @@ class PlacedBodies:
         self._middle = places.mean(axis=0) if len(places) else np.zeros(3)
         self._columns = np.full((len(bodies), 4, 3), np.nan, np.float32)
         """Where each stands, as Embree was told last: axes of its frame, and its origin."""
+        self._room = _aligned(0)
         owner = _handle(device())
         team = np.unique(robots[robots >= 0])
         self._tops = [embree.rtcNewScene(owner) for _ in range(max(1, -(-len(team) // ROBOTS)))]
@@ -202,7 +203,9 @@ class PlacedBodies:
         intersect = self._embree.rtcIntersect16
         count = len(origins)
         packets = -(-count // _WIDTH)
-        words = _aligned(packets)
+        if len(self._room) < packets:  # the rows that stay zero are zero once and for all
+            self._room = _aligned(packets)
+        words = self._room[:packets]
         numbers = words.view(np.uint32)
         # Column by column: that is how Embree wants them. What fills up has a negative reach.
         rays = np.zeros((7, packets * _WIDTH), np.float32)
