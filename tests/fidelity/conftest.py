@@ -11,6 +11,7 @@ from usarsim_bench.fidelity.workshop import Workshop
 
 @pytest.fixture(scope="session")
 def shop() -> Iterator[Workshop]:
-    """Test scenes and special robots; turns are watched for a third of the time of the bench."""
-    with Workshop(turn_seconds=3.0, script_seconds=6.0) as workshop:
+    """Test scenes and special robots; robots are looked at every fourth step, and
+    turns for a third of the time of the bench."""
+    with Workshop(turn_seconds=3.0, script_seconds=6.0, every=4) as workshop:
         yield workshop

@@ -50,7 +50,7 @@ def watch_straight(stage: Stage, start: RobotBody, speed: float, seconds: float)
     for state in stage.steps(seconds):
         lateral = max(lateral, abs(start.pose.inverse().rotate(_way(start, state))[1]))
         yaw = max(yaw, abs(turned(yaw_of(start), yaw_of(state))))
-        if state.time <= began.time + 3.0 + stage.timestep / 2:
+        if state.time <= began.time + 3.0 + stage.glance / 2:
             steady = state
     end = stage.state
     ground = math.hypot(*_way(steady, end)[:2]) / (end.time - steady.time)
@@ -111,7 +111,7 @@ def turn_in_place(stage: Stage, speed: float, seconds: float = 10.0) -> Turn:
         grip=rate / ideal * speed / spin,
         track=report.track_width * ideal / rate,
         hop=max(heights) - min(heights),
-        contact=full_contact / round(seconds / stage.timestep),
+        contact=full_contact / round(seconds / stage.glance),
         drift=drift,
         own=own > 0,
         odometry=odometry.ratio,
@@ -294,7 +294,7 @@ def circle(stage: Stage, steer: float = STEER, seconds: float = WALKED) -> Circl
     last = stage.state
     # Every twentieth step is enough for the length of a circle: the chord is as long as the arc.
     for number, state in enumerate(stage.steps(seconds)):
-        if number % 20:
+        if number % (20 // stage.every):
             continue
         before, after = ((one.pose @ axle).position for one in (last, state))
         way += math.dist(before, after)
@@ -363,7 +363,7 @@ def lean(stage: Stage, speed: float) -> tuple[float, float]:
     stage.client.send("DRIVE " + _velocities(linear=speed))
     pitches = [nose_down(state) for state in stage.steps(2.0)]
     near = np.abs(np.array(pitches) - pitches[-1]) < math.radians(2.0)
-    return pitches[-1], float(np.argmax(near)) * stage.timestep
+    return pitches[-1], float(np.argmax(near)) * stage.glance
 
 
 def _velocities(linear: float = 0.0, yaw: float = 0.0) -> str:

@@ -32,6 +32,7 @@ class Stage(Closing):
         rehearsal: the server behind it.
         client: the connection that owns the robot.
         vehicle: the robot. robot: its class.
+        every: steps between two looks. glance: s between them.
         warnings: what the server warned of, MuJoCo's numerical warnings included.
     """
 
@@ -42,8 +43,10 @@ class Stage(Closing):
         timestep: float,
         pose: Pose | None = None,
         robots: Sequence[Path] = (),
+        every: int = 1,
     ) -> None:
         """Load a world folder, with further folders of robot files, and spawn a robot of a class.
+        It is looked at after every so many steps.
 
         Without a pose it stands at rest on a level floor at the origin; time steps are in s.
 
@@ -54,7 +57,7 @@ class Stage(Closing):
         self._ear = _Ear(self.warnings)
         logging.getLogger(ROOT).addHandler(self._ear)
         self.rehearsal = Rehearsal(world=str(world), timestep=timestep, robots=tuple(robots))
-        self.timestep = timestep
+        self.every, self.glance = every, timestep * every
         self.client = self.rehearsal.connect()
         try:
             self.vehicle = self._spawn(robot, pose)
@@ -98,13 +101,13 @@ class Stage(Closing):
         self.rehearsal.run(seconds)
 
     def steps(self, seconds: float) -> Iterator[RobotBody]:
-        """Let simulated time pass step by step; yields the state after each.
+        """Let simulated time pass; yields the state at every look.
 
         Raises:
             StageError: if the robot is lost.
         """
-        for _ in range(round(seconds / self.timestep)):
-            self.rehearsal.run(self.timestep)
+        for _ in range(round(seconds / self.glance)):
+            self.rehearsal.run(self.glance)
             yield self.state
 
     # -- watching ----------------------------------------------------------------------------

@@ -168,7 +168,7 @@ def cross(
     own = False
     last: RobotBody = begin
     for number, state in enumerate(stage.steps(seconds)):
-        if course and number % round(GLANCE / stage.timestep) == 0:
+        if course and number % round(GLANCE / stage.glance) == 0:
             turn = course * _off_course(state)
             stage.drive(speed - turn / 2.0, speed + turn / 2.0)
         contacts = probe.look(state.snapshot)

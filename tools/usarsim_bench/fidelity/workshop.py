@@ -39,9 +39,13 @@ class Workshop(Closing):
     Attributes:
         turn_seconds: simulated s that a turn in place is watched.
         script_seconds: simulated s that runs are compared bit for bit.
+        every: steps from one look at a robot to the next.
     """
 
-    def __init__(self, turn_seconds: float = 10.0, script_seconds: float = 60.0) -> None:
+    def __init__(
+        self, turn_seconds: float = 10.0, script_seconds: float = 60.0, every: int = 1
+    ) -> None:
+        self.every = every
         self.turn_seconds, self.script_seconds = turn_seconds, script_seconds
         self._folder = Path(tempfile.mkdtemp(prefix="usarsim-fidelity-"))
         self._robots = self._folder / "robots"
@@ -66,7 +70,7 @@ class Workshop(Closing):
         self, scene: worlds.Scene, robot: str, timestep: float, pose: Pose | None = None
     ) -> Stage:
         """A stage with a fresh robot of a shipped class or a variant."""
-        return Stage(self.world(scene), robot, timestep, pose, robots=(self._robots,))
+        return Stage(self.world(scene), robot, timestep, pose, (self._robots,), self.every)
 
     def describe(self, robot: str) -> RobotDescription:
         """A shipped class or a variant."""
