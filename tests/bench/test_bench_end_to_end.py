@@ -229,7 +229,7 @@ FIGURES: dict[str, tuple[float, dict[str, str | None]]] = {
     "physics": (
         2.0,
         {
-            "2 robots: physics thread / bare mj_step": "<= 1.1",
+            "2 robots: physics thread / bare mj_step": "<= 1.25",
             "2 robots: its step loop alone / bare mj_step": None,
             "2 robots: physics thread / MuJoCo's part of it": None,
             "2 robots: turns": None,

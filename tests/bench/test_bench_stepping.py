@@ -12,7 +12,14 @@ import pytest
 
 from usarsim_bench import physics, stepping
 from usarsim_bench.figures import Plan
-from usarsim_bench.physics import BareSteps, Bystander, compared, physics_figures, within
+from usarsim_bench.physics import (
+    BareSteps,
+    Bystander,
+    compared,
+    growth_figures,
+    physics_figures,
+    within,
+)
 from usarsim_bench.server import BenchError
 from usarsim_bench.stepping import HALVES, ROBOT_CLASS, Stepping, Stopwatch, measure
 from usarsim_server.robots.catalog import load_catalog
@@ -278,6 +285,7 @@ def turn(moment: float, robots: int = 2, thread: float = 0.003) -> dict[str, flo
         "moment": moment,
         "robots": robots,
         "thread": thread,
+        "server": 0.005,
         "engine": 0.0022,
         "mujoco": 0.0015,
         "bare": 0.002,
@@ -303,7 +311,16 @@ class TestFigures:
         assert figures["2 robots: its step loop alone / bare mj_step"].value == pytest.approx(1.1)
         assert figures["2 robots: physics thread / MuJoCo's part of it"].value == pytest.approx(1.4)
         assert figures["2 robots: bare mj_step"].value == pytest.approx(2000.0)
+        assert figures["2 robots: all of the server / bare mj_step"].value == pytest.approx(2.5)
         assert all(math.isfinite(one.value) for one in figures.values())
+
+    def test_a_robot_among_many_against_one_alone(self) -> None:
+        """64 robots that cost 64 times what one costs are 1.0."""
+        (figure,) = growth_figures({1: 2e-5, 64: 1.92e-3})
+        assert figure.name == "64 robots: bare mj_step / 64 times that of one robot"
+        assert figure.value == pytest.approx(1.5)
+        assert figure.met is False
+        assert growth_figures({64: 1.0}) == []
 
     def test_an_engine_that_steps_otherwise(self) -> None:
         """Where MuJoCo's part is not known no ratio is made up."""

@@ -58,6 +58,7 @@ class Turn:
     moment: float  # of the pause, s, `time.perf_counter`, which all processes of the machine share
     robots: int  # active ones
     thread: float  # processor seconds of the physics thread per step
+    server: float  # the same of all threads of the server
     engine: float  # the part of it that was spent in `Engine.advance`
     mujoco: float
     """The part of that that was spent inside MuJoCo's two half steps: bare MuJoCo with the same
@@ -116,6 +117,7 @@ class Bystander:
         self._watch = watch
         self._steps = -SETTLE_STEPS
         self._begun = 0.0
+        self._server_begun = 0.0
         self._inside = 0.0
 
     def stepped(self, engine: Engine, steps: int, inside: float) -> None:
@@ -126,17 +128,20 @@ class Bystander:
             if self._steps >= 0:
                 self._watch.reset()
                 self._steps, self._inside, self._begun = 0, 0.0, time.thread_time()
+                self._server_begun = time.process_time()
             return
         self._inside += inside
         if self._steps < COUNTED_STEPS:
             return
         thread = time.thread_time() - self._begun
+        server = time.process_time() - self._server_begun
         mujoco_part = self._watch.seconds if self._watch.calls else 0.0
         self.turns.append(
             Turn(
                 moment=time.perf_counter(),
                 robots=len(engine.active),
                 thread=thread / self._steps,
+                server=server / self._steps,
                 engine=self._inside / self._steps,
                 mujoco=mujoco_part / self._steps,
                 bare=self._bare(engine),
@@ -172,10 +177,15 @@ def main(arguments: Sequence[str]) -> int:
     return result
 
 
-ROBOTS = (16, 64)
+ROBOTS = (1, 4, 16, 64)
 SECONDS = 20.0
 
 RATIO_AIM = Aim("<=", 1.10)
+FEW_AIM = Aim("<=", 1.25)
+"""With fewer than `FEW` robots, where what does not grow with them weighs more."""
+FEW = 16
+SERVER_AIM = Aim("<=", 1.25)
+GROWTH_AIM = Aim("<=", 1.0)
 
 
 Told = Mapping[str, float]
@@ -197,9 +207,13 @@ def measure_physics(plan: Plan) -> Section:
     """Teams at real time; `plan.seconds` of wall time are watched for each size."""
     seconds = plan.seconds or SECONDS
     figures: list[Figure] = []
+    bare: dict[int, float] = {}
     for robots in plan.sizes(ROBOTS, max(ROBOTS)):
         plan.say(f"physics: {robots} robots for {seconds:g} s")
-        figures += physics_figures(robots, _turns(plan, robots, seconds))
+        turns = _turns(plan, robots, seconds)
+        figures += physics_figures(robots, turns)
+        bare[robots] = median(turn["bare"] for turn in turns)
+    figures += growth_figures(bare)
     return Section(
         "physics",
         "The physics thread against bare MuJoCo",
@@ -207,8 +221,9 @@ def measure_physics(plan: Plan) -> Section:
         f"commands at 2 Hz each, clients in another process, {seconds:g} s for each size. Every "
         "0.7 s the thread pauses and steps the scene that it has reached with mj_step and nothing "
         "else, the wheels driven by MuJoCo's own velocity actuators. MuJoCo's part: inside "
-        "mj_step1 and mj_step2 in the thread's own run, so in the very same states. Processor "
-        "time per step; ratios are medians of these turns.",
+        "mj_step1 and mj_step2 in the thread's own run, so in the very same states. Server: all "
+        "its threads, which answer everything that clients read, between the same moments. "
+        "Processor time per step; ratios are medians of these turns.",
         tuple(figures),
     )
 
@@ -230,13 +245,47 @@ def physics_figures(robots: int, turns: Sequence[Told]) -> list[Figure]:
     ratios = [turn["thread"] / turn["bare"] for turn in turns]
     engine = [turn["engine"] / turn["bare"] for turn in turns]
     return [
-        Figure(f"{name}: physics thread / bare mj_step", median(ratios), "", 2, RATIO_AIM),
+        Figure(
+            f"{name}: physics thread / bare mj_step",
+            median(ratios),
+            "",
+            2,
+            RATIO_AIM if robots >= FEW else FEW_AIM,
+        ),
         Figure(f"{name}: its step loop alone / bare mj_step", median(engine), "", 2),
         *_to_mujoco(name, turns),
+        Figure(
+            f"{name}: all of the server / bare mj_step",
+            median(turn["server"] / turn["bare"] for turn in turns),
+            "",
+            2,
+            SERVER_AIM,
+        ),
         Figure(f"{name}: physics thread", 1e6 * median(t["thread"] for t in turns), "us/step", 0),
         Figure(f"{name}: bare mj_step", 1e6 * median(t["bare"] for t in turns), "us/step", 0),
         Figure(f"{name}: contacts", mean(turn["contacts"] for turn in turns), "", 0),
         Figure(f"{name}: turns", len(turns), "", 0),
+    ]
+
+
+def growth_figures(bare: Mapping[int, float]) -> list[Figure]:
+    """What a robot of a large team costs MuJoCo against one alone in the same world.
+
+    Args:
+        bare: s of a bare step by team size; without one robot alone there is nothing to tell.
+    """
+    if 1 not in bare:
+        return []
+    return [
+        Figure(
+            f"{robots} robots: bare mj_step / {robots} times that of one robot",
+            spent / (robots * bare[1]),
+            "",
+            2,
+            GROWTH_AIM,
+        )
+        for robots, spent in bare.items()
+        if robots > 1
     ]
 
 
