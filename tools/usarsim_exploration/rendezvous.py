@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -69,9 +70,15 @@ class Meeting:
 
 def candidates(view: View) -> tuple[Cells, NDArray[np.int64]]:
     """Cells of the skeleton where one could meet, and how many ways lead from each."""
-    bits = view.known.bits
-    free = (bits & (FREE | WALL) == FREE).astype(np.uint8)
-    bones = skeleton(free)
+    bits = view.known.bits & (FREE | WALL)
+    return _candidates(bits.tobytes(), bits.shape)
+
+
+@lru_cache(maxsize=4)
+def _candidates(known: bytes, shape: tuple[int, int]) -> tuple[Cells, NDArray[np.int64]]:
+    """Of a map; explorers that hear each other know the same, and ask for it one by one."""
+    bits = np.frombuffer(known, np.uint8).reshape(shape)
+    bones = skeleton((bits == FREE).astype(np.uint8))
     cells = key_cells(bones, bits & WALL != 0, spacing=SPACING)
     return cells, degrees(bones)[cells[:, 1], cells[:, 0]].astype(np.int64)
 
