@@ -23,6 +23,9 @@ SPACING = 9.0
 LISTEN = 1.6
 """s of simulated time: three lines of the slowest ordinary sensor."""
 
+PARTS = 6
+"""Worlds for the robots of a dialect: each newcomer costs the more the more are there."""
+
 LINE = re.compile(r"[A-Z]+( \{[^{}\s]+( [^{}\s]+)*\})+")
 NUMBER = re.compile(r"-?\d+(\.\d+)?")
 LONG = ("RangeScanner", "RangeScanner3D", "RangeImager", "PCL", "LineLaser", "ObjectSensor")
@@ -67,8 +70,8 @@ def _listen(dialect: str, classes: Sequence[str]) -> Iterator[Heard]:
 @pytest.fixture(scope="module")
 def heard() -> list[Heard]:
     """Every robot in both dialects."""
-    halves = (CLASSES[::2], CLASSES[1::2])
-    return [one for dialect in DIALECTS for half in halves for one in _listen(dialect, half)]
+    parts = [CLASSES[n::PARTS] for n in range(PARTS)]
+    return [one for dialect in DIALECTS for part in parts for one in _listen(dialect, part)]
 
 
 def _ground(heard: list[Heard], dialect: str) -> Iterator[tuple[Heard, str]]:
