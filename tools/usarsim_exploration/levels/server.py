@@ -17,8 +17,7 @@ import numpy as np
 from usarsim_client import ProtocolError
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.errors import ExplorationError
-from usarsim_exploration.kernels.steps import MARKS
-from usarsim_exploration.known_map import FELT, FREE, KNOWN, SAFE, WALL
+from usarsim_exploration.known_map import FREE, KNOWN, SAFE, WALL
 from usarsim_exploration.levels.air import Air
 from usarsim_exploration.levels.controller import Controller, DeadError
 from usarsim_exploration.levels.driver import Driver
@@ -345,10 +344,7 @@ class ServerLevel:
         known = body.view.known
         cycle.count(body, known.take_in(cycle.step, scans, rover.taken is not None))
         rover.taken = rover.scanned
-        through = rover.evidence.add(scans)
-        wrong = through[known.news(through) & (WALL | SAFE | FELT) == WALL | SAFE]
-        bits = known.news(wrong) & np.uint8(MARKS) | np.uint8(FREE)
-        known.write(cycle.step, wrong, bits)
+        rover.evidence.correct(known, cycle.step, scans)
         # where it stands there is nothing else
         around = np.array(self._at(rover.pose)) + disc_cells(_UNDER / cell)
         rows, columns = self._shape

@@ -11,12 +11,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_exploration.kernels.steps import MARKS
+from usarsim_exploration.known_map import FELT, FREE, SAFE, WALL, KnownMap
 from usarsim_exploration.sensing import Scans
 
+Ints = NDArray[np.int64]
+
 _HIT, _SURE = 4, 5
-"""A beam that ends counts as much as so many that go on, of which so many more are needed."""
-_MOST = 12
-"""That beams which end in a cell can speak against it."""
+"""A beam that ends counts as much as so many that go on, of which so many more make a cell free."""
+_MOST, _CERTAIN = 12, 8
+"""What beams that end in a cell can come to, and from when on it is a wall for certain."""
 
 
 class Evidence:
@@ -25,32 +29,41 @@ class Evidence:
     def __init__(self, shape: tuple[int, int]) -> None:
         """Nothing yet. shape: rows and columns."""
         self._score = np.zeros(shape, np.int8)
+        self._hit = np.zeros(shape, np.bool_)
 
-    def add(self, scans: Scans) -> NDArray[np.int64]:
-        """Take in scans from one place after another.
+    def correct(self, known: KnownMap, step: int, scans: Scans) -> None:
+        """Judge walls of the map that has just taken in one scan.
 
-        Returns:
-            Flat indices of cells that beams have gone through again just now, and often enough.
+        A wall of one beam is not certain: what others saw there counts as much. A wall that was
+        measured and that beams go through is free. Walls that were felt stay.
         """
-        found = [self._add(*one) for one in zip(scans.cells, scans.ends, scans.free_ends,
-                                                scans.hits, strict=True)]  # fmt: skip
-        return np.unique(np.concatenate(found))
+        ended, through = self._add(scans.cells[0], scans.ends[0, scans.hits[0]],
+                                   scans.ends[0], scans.free_ends[0])  # fmt: skip
+        bits, score = known.news(ended), self._score.reshape(-1)[ended]
+        doubtful = ended[(bits & (WALL | SAFE | FELT) == WALL | SAFE) & (score > -_CERTAIN)]
+        known.write(step, doubtful, known.news(doubtful) & np.uint8(MARKS) | np.uint8(WALL))
+        bits = known.news(through)
+        measured = (bits & SAFE != 0) | self._hit.reshape(-1)[through]
+        free = through[(bits & (WALL | FELT) == WALL) & measured]
+        known.write(step, free, known.news(free) & np.uint8(MARKS) | np.uint8(FREE))
 
-    def _add(
-        self, cell: NDArray[np.int64], ends: NDArray[np.int64], free: NDArray[np.int64],
-        hits: NDArray[np.bool_],
-    ) -> NDArray[np.int64]:  # fmt: skip
+    def _add(self, cell: Ints, ended: Ints, ends: Ints, free: Ints) -> tuple[Ints, Ints]:
+        """Flat indices of cells where beams end, and of those that many go through."""
         corners = np.vstack([ends, free, cell[None]])
         (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0) + 1
         part = self._score[top:bottom, left:right]
         through = np.zeros(part.shape, np.uint8)
         cv2.fillPoly(through, [np.vstack([cell[None], free]).astype(np.int32) - (left, top)], 1)
-        column, row = (ends[hits] - (left, top)).T
-        through[row, column] = 0
-        ended = np.zeros(part.shape, np.bool_)
-        ended[row, column] = True
+        hit = np.zeros(part.shape, np.bool_)
+        hit[ended[:, 1] - top, ended[:, 0] - left] = True
+        through[hit] = 0
+        self._hit[top:bottom, left:right] |= hit
         part += through.view(np.int8)
         np.minimum(part, _SURE, out=part)
-        part[ended] = np.maximum(part[ended] - _HIT, -_MOST)
-        rows, columns = np.nonzero((through != 0) & (part == _SURE))
-        return np.asarray((rows + top) * self._score.shape[1] + columns + left)
+        part[hit] = np.maximum(part[hit] - _HIT, -_MOST)
+
+        def flat(chosen: NDArray[np.bool_]) -> Ints:
+            rows, columns = np.nonzero(chosen)
+            return np.asarray((rows + top) * self._score.shape[1] + columns + left)
+
+        return flat(hit), flat((through != 0) & (part == _SURE))
