@@ -231,26 +231,29 @@ def test_walls_that_are_not_there() -> None:
     """EXP-16: beams go through what was seen from a wrong place, soon; through no true wall."""
     world = find("lab").environment
     base = find("lab").base
-    evidence = Evidence(world.shape)
-    column, row = base
-    here = (column + 0.5) * 0.1, (row + 0.5) * 0.1
-
-    def look(x: float, heading: float) -> set[int]:
-        ranges = read(world, (*here, heading), 8.0)
-        scans = rasterise((x, here[1], heading), ranges, FAN, 8.0, 0.1, world.shape)
-        return set(evidence.add(scans).tolist())
-
+    known, evidence = KnownMap(world.shape), Evidence(world.shape)
+    here = (base[0] + 0.5) * 0.1, (base[1] + 0.5) * 0.1
     ranges = read(world, (*here, 0.0), 8.0)
-    wrong = rasterise((here[0] - 0.3, here[1], 0.0), ranges, FAN, 8.0, 0.1, world.shape)
+
+    def look(x: float) -> np.ndarray:
+        """Scan from there and believe to be at x; walls that are certain, then."""
+        scans = rasterise((x, here[1], 0.0), ranges, FAN, 8.0, 0.1, world.shape)
+        known.take_in(1, scans, True)
+        evidence.correct(known, 1, scans)
+        return known.bits & (WALL | SAFE) == WALL | SAFE
+
+    assert not look(here[0] - 0.3).any()
     for _ in range(9):
-        evidence.add(wrong)
-    columns, rows = wrong.ends[0, wrong.hits[0]].T
-    drawn = {
-        int(cell) for cell in rows * world.shape[1] + columns if not world.walls.reshape(-1)[cell]
-    }
-    assert len(drawn) > 20
-    told: list[set[int]] = [look(here[0], 0.0) for _ in range(20)]
-    assert not set.union(*told[:12]) & drawn
-    found = told[-1]
-    assert len(found & drawn) > 0.9 * len(drawn)
-    assert np.count_nonzero(world.walls.reshape(-1)[list(found)]) < 0.005 * len(found)
+        drawn = look(here[0] - 0.3) & (world.walls == 0)
+    assert np.count_nonzero(drawn) > 20
+    for number in range(20):
+        now = look(here[0])
+        if number == 11:
+            assert now[drawn].all()
+    assert np.count_nonzero(now & drawn) < 0.1 * np.count_nonzero(drawn)
+    assert np.count_nonzero(now & (world.walls != 0)) > 40
+    rows, columns = np.nonzero(now)
+    known.bump(2, (int(columns[0]), int(rows[0])))  # it felt that one
+    for _ in range(40):
+        look(here[0] + 0.3)
+    assert known.bits[rows[0], columns[0]] & WALL
