@@ -36,6 +36,10 @@ from usarsim_server.simulation.parts import Part, Parts
 from usarsim_server.simulation.servos import JointServos, WheelServos
 from usarsim_server.simulation.sleep import Sleep
 
+MIB = 2**20
+KEPT_SIZE = 16 * MIB
+"""Bytes of a model whose specification is kept for the next one."""
+
 
 class WorldParts(Parts):
     """The parts of one model generation, by name for those who command them."""
@@ -89,7 +93,8 @@ class Generations:
         self._scenery = scenery
         self._options = options
         self._blueprint: Blueprint | None = None
-        """What the running model was compiled of, until a larger one is made of it."""
+        """What the running model was compiled of, until a larger one is made of it; None of a large
+        world, whose specification takes twice the memory of its model."""
 
     def first(self, slots: Sequence[RobotModel]) -> CompiledWorld:
         """The model that the world begins with.
@@ -97,9 +102,11 @@ class Generations:
         Raises:
             ValueError: if MuJoCo cannot compile it.
         """
-        self._blueprint = Blueprint(self._scenery(), self._options)
-        self._blueprint.add(slots)
-        return self._blueprint.compile(generation=0)
+        blueprint = Blueprint(self._scenery(), self._options)
+        blueprint.add(slots)
+        world = blueprint.compile(generation=0)
+        self._keep(blueprint, world)
+        return world
 
     def following(self, old: CompiledWorld, slots: Sequence[RobotModel]) -> Growth:
         """Compile a model with other slots than those of the running one, `old`.
@@ -138,10 +145,12 @@ class Generations:
 
     def adopted(self, growth: Growth) -> None:
         """This is the running model now."""
-        self._blueprint = growth.blueprint
+        self._keep(growth.blueprint, growth.world)
 
+    def _keep(self, blueprint: Blueprint, world: CompiledWorld) -> None:
+        small = mujoco.mj_sizeModel(world.model) <= KEPT_SIZE
+        self._blueprint = blueprint if small else None
 
-MIB = 2**20
 
 _STATM = Path("/proc/self/statm")
 _GROUPS = Path("/proc/self/cgroup")
