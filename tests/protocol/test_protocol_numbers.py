@@ -296,18 +296,23 @@ def test_vector_joins_with_commas() -> None:
 def test_ranges_equals_vector(values: list[float], digits: int) -> None:
     """The fast list printer and the plain one give the same text, also where it looks it up."""
     assert ranges(np.array(values), digits) == vector(values, digits)
-    small = [math.fmod(value, 10_001.0) for value in values]
-    assert ranges(small, digits) == vector(small, digits)
+    for limit in (10_001.0, 99.5):
+        small = [math.fmod(value, limit) for value in values]
+        assert ranges(small, digits) == vector(small, digits)
+        positive = [abs(value) for value in small]
+        assert ranges(positive, digits) == vector(positive, digits)
 
 
 def test_ranges_at_the_steps_of_its_tables() -> None:
     """2.1: whole numbers, halves of the last digit and what rounding makes of them, either sign."""
-    steps = np.array([0.0, 9.0, 10.0, 99.0, 999.0, 9998.0, 9999.0, 10_000.0])
+    steps = np.array([0.0, 9.0, 10.0, 98.0, 99.0, 999.0, 9998.0, 9999.0, 10_000.0])
     for digits in range(6):
         last = 10.0**-digits
         near = np.add.outer(steps, last * np.array([-1.0, -0.5, -1e-4, 0.0, 1e-4, 0.5, 1.0]))
-        for values in (near, -near):
+        for values in (near, -near, np.abs(near[:4])):
             assert ranges(values, digits) == vector(values.ravel().tolist(), digits)
+            for row in values:  # each by the way that suits it
+                assert ranges(row, digits) == vector(row.tolist(), digits)
 
 
 @given(st.lists(st.floats(width=32), min_size=1, max_size=20))

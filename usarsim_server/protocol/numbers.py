@@ -183,6 +183,9 @@ def ranges(values: ArrayLike, digits: int) -> str:
     numbers = np.asarray(values, dtype=np.float64).ravel()
     if digits not in _TABLED or not len(numbers) or not np.abs(numbers).max() < _WHOLE:
         return vector(numbers.tolist(), digits)
+    if digits <= _FEW and numbers.min() >= 0.0 and numbers.max() < _SHORT:
+        texts = _short_texts(digits).take((numbers * 10.0**digits + _SLACK).astype(np.intp))
+        return texts.tobytes().translate(None, _FILL)[1:].decode("ascii")
     scaled = numbers * 10.0**digits
     units = (scaled + np.copysign(_SLACK, scaled)).astype(np.int64)
     whole, rest = np.divmod(np.abs(units), 10**digits)
@@ -198,7 +201,15 @@ _TABLED = range(1, 5)
 """Numbers of digits for which `ranges` looks numbers up."""
 _WHOLE = 10_000
 """Whole numbers up to which it does."""
+_FEW, _SHORT = 2, 99.0
+"""Digits up to which, and number below which, it does so by one step, as for most scans."""
 _FILL = b"\0"
+
+
+@cache
+def _short_texts(digits: int) -> NDArray[np.uint64]:
+    """A comma and the whole number, eight characters each, filled up."""
+    return _filled([f",{units / 10**digits:.{digits}f}" for units in range(100 * 10**digits)])
 
 
 @cache
@@ -207,10 +218,11 @@ def _texts(digits: int) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
     with a minus sign; the digits behind the point."""
     before = [f",{sign}{number}." for sign in ("", "-") for number in range(_WHOLE + 1)]
     behind = [f"{number:0{digits}d}" for number in range(10**digits)]
-    filled = [
-        b"".join(text.encode().rjust(8, _FILL) for text in texts) for texts in (before, behind)
-    ]
-    return np.frombuffer(filled[0], np.uint64), np.frombuffer(filled[1], np.uint64)
+    return _filled(before), _filled(behind)
+
+
+def _filled(texts: list[str]) -> NDArray[np.uint64]:
+    return np.frombuffer(b"".join([text.encode().rjust(8, _FILL) for text in texts]), np.uint64)
 
 
 def boolean(value: bool) -> str:
