@@ -38,6 +38,9 @@ GATHERED = 10.0
 SETTLED = 3
 """Steps after which a robot that has not moved will not either, as long as nobody else does."""
 
+LOCKED = 4
+"""So often the leader fails in one place until all come to the base: the chain cannot move."""
+
 
 @register("leader-follower")
 @dataclass
@@ -67,8 +70,14 @@ class LeaderFollower(Strategy):
         self._beyond: dict[Cell, int] = {}
         """Frontiers that no chain got to, and how many free cells were known then."""
         self._goal: Cell | None = None
-        self._home = self._gathers = self._turned = False
+        self._home = self._gathers = self._turned = self._lost = False
         self._posts: list[Cell] = []
+        self._failed: Cell | None = None
+        """Where the leader failed last."""
+        self._fails = 0
+        """How often there, after the first time."""
+        self._called, self._since = 0, -1
+        """Free cells known when all were last called to the base; since when they are, or -1."""
 
     def decide(self, view: View) -> Plan | None:
         """As much of the way as keeps both neighbours."""
@@ -77,10 +86,13 @@ class LeaderFollower(Strategy):
             if turn := turn_to_base(view):
                 return Plan(turn, "turn")
         parent, child = self._neighbours(view)
-        if parent not in view.linked:  # back to where it was
+        if parent not in view.linked:  # back to where it was, then to the base
             self._planned = -(10**9)
             there = view.teammates[parent].cell
+            self._lost = self._lost or view.cell == there
+            there = view.base if self._lost else there
             return Plan(view.planner.path(view.cell, there) or [], "return", there)
+        self._lost = False
         if view.cell in self._way:
             self._way = self._way[self._way.index(view.cell) + 1 :]
         old = view.step - self._planned >= self.replan
@@ -104,12 +116,18 @@ class LeaderFollower(Strategy):
             self._fail(view)
         stands = child is not None and not part and not self._gathers  # for those behind it
         state = "relay" if stands else "lead" if child is None else "follow"
+        if self._gathers and not part and not self._is_away(view, view.cell):
+            state = "wait"
         return Plan(part, "return" if self._home else state, self._goal, home=self._home)
 
     def _fail(self, view: View) -> None:
         """The leader does not get there: it tries again from the base; then it gives that up."""
         self._waited, self._planned = 0, -(10**9)
-        if self._gathers or not self._posts or self._goal in self._tried:
+        self._fails = self._fails + 1 if self._failed == view.cell else 0
+        self._failed = view.cell
+        if self._fails >= LOCKED and view.known.free > self._called:
+            self._called, self._since, self._gathers = view.known.free, view.step, True
+        elif self._gathers or not self._posts or self._goal in self._tried:
             self._gathers = False
             self._given_up.add(self._goal or view.base)
         else:
@@ -136,10 +154,10 @@ class LeaderFollower(Strategy):
 
     def _lead(self, view: View) -> None:
         """To the nearest frontier that is not out of reach of the chain; home if there is none."""
-        if self._gathers and straight(view.cell, view.base) > GATHERED:
+        if self._gathers and (self._is_away(view, view.cell) or self._calls(view)):
             self._go(view, view.base)
             return
-        self._gathers = False
+        self._gathers, self._since = False, -1
         frontiers = find_frontiers(view.known)
         while True:
             beyond = [cell for cell, free in self._beyond.items() if view.known.free < NEWS * free]
@@ -161,6 +179,15 @@ class LeaderFollower(Strategy):
                 self._way = self._bidding.look(view, aim) or []
             if self._way:
                 return
+
+    def _calls(self, view: View) -> bool:
+        """Whether all were called to the base, and some are still on their way."""
+        mates = [mate for number, mate in view.teammates.items() if number in view.linked]
+        late = view.step - self._since > self.memory
+        return self._since >= 0 and not late and any(self._is_away(view, one.cell) for one in mates)
+
+    def _is_away(self, view: View, cell: Cell) -> bool:
+        return straight(cell, view.base) > GATHERED
 
     def _post(self, view: View, goal: Cell) -> bool:
         """Name a post for each follower, as few as it takes; False: there are too few of them."""

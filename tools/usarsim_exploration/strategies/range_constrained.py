@@ -143,7 +143,8 @@ class RangeConstrained(Strategy):
 
         With several relays if need be: this is the first of them.
         """
-        free = [mate for mate in _mates(view) if _told(mate, "parked") is None]
+        mates = _mates(view)
+        free = [one for one in mates if not (_parked(one) or _told(one, "over"))]
         beside = tuple(sorted(self._anchors))
         vain = [cell for cell, others in self._served if others == beside]
         open_ = [
@@ -277,12 +278,13 @@ class RangeConstrained(Strategy):
         return Plan(view.planner.path(view.cell, view.base) or [], "return", view.base)
 
     def letter(self, view: View) -> Letter:
-        """Whether it is a relay, whether it has nothing to do, and which frontiers had theirs."""
+        """Whether it is a relay, has nothing to do or goes home, and which frontiers had a relay."""
         return {
             **self._bidding.letter(),
             "parked": None if self._leaving else self._parked,
             "idle": self._idle,
-            "stuck": self._stuck,
+            "stuck": self._stuck or self._over,
+            "over": self._over,
             "served": sorted(self._served),
         }
 
