@@ -9,7 +9,7 @@ from usarsim_bench.server import BenchError
 
 
 def test_a_small_team_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    """EXP-05: times by phase, and equal maps with and without compiled kernels."""
+    """EXP-05, E-79: times by phase, and equal maps with and without compiled kernels."""
     plain = Case("plain", "lab", 2, 1e6, plain=True)
     monkeypatch.setattr(exploration, "CASES", (Case("small", "lab", 2, 1e6), plain))
     section = measure_explore(Plan(seconds=0.8))
