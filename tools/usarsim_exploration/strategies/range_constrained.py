@@ -278,7 +278,7 @@ class RangeConstrained(Strategy):
         return Plan(view.planner.path(view.cell, view.base) or [], "return", view.base)
 
     def letter(self, view: View) -> Letter:
-        """Whether it is a relay, has nothing to do or goes home, and which frontiers had a relay."""
+        """Whether it is a relay, has nothing to do or goes home; which frontiers had a relay."""
         return {
             **self._bidding.letter(),
             "parked": None if self._leaving else self._parked,
