@@ -16,6 +16,7 @@ from usarsim_exploration.log_files import agents_csv
 from usarsim_exploration.noise import disturb
 from usarsim_exploration.radio import Circle
 from usarsim_exploration.running import run
+from usarsim_exploration.scenario import read
 from usarsim_exploration.sensing import Scanner
 from usarsim_exploration.strategy import Plan, Strategy, View
 
@@ -136,3 +137,23 @@ def test_noise_is_as_large_as_it_is_said() -> None:
     off = np.hypot(*np.moveaxis(noisy.ends - scans.cells[:, None], 2, 0)) - noisy.readings
     assert abs(off[scans.hits]).max() < 1.5
     assert (noisy.free_ends[~scans.hits] == scans.free_ends[~scans.hits]).all()
+
+
+@pytest.mark.parametrize(
+    ("world", "name", "robots", "seed", "steps"),
+    [("blocks", "range-constrained", 4, 5, 560), ("cave", "leader-follower", 8, 1, 420)],
+)
+def test_nobody_waits_for_a_chain_that_is_locked(
+    world: str, name: str, robots: int, seed: int, steps: int
+) -> None:
+    """EXP-18: starts where a relay stood for robots that had gone home, or no link let go."""
+    scenario = read(
+        {
+            "seed": seed,
+            "environment": {"name": world},
+            "team": {"robots": robots, "base": "drawn"},
+            "strategy": {"name": name},
+            "end": {"steps": steps},
+        }
+    )
+    assert run(scenario).history.idle.max() <= 60
