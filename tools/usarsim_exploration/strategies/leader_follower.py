@@ -116,7 +116,7 @@ class LeaderFollower(Strategy):
             self._fail(view)
         stands = child is not None and not part and not self._gathers  # for those behind it
         state = "relay" if stands else "lead" if child is None else "follow"
-        if self._gathers and not part and not self._is_away(view, view.cell):
+        if self._gathers and not part and not self._is_away(view, view.cell) and self._come(view):
             state = "wait"
         return Plan(part, "return" if self._home else state, self._goal, home=self._home)
 
@@ -185,6 +185,14 @@ class LeaderFollower(Strategy):
         mates = [mate for number, mate in view.teammates.items() if number in view.linked]
         late = view.step - self._since > self.memory
         return self._since >= 0 and not late and any(self._is_away(view, one.cell) for one in mates)
+
+    def _come(self, view: View) -> bool:
+        """Whether somebody is still on the way to the base."""
+        mates = [mate for number, mate in view.teammates.items() if number in view.linked]
+        return any(
+            self._is_away(view, mate.cell) and mate.letter.get("still", 0) <= SETTLED
+            for mate in mates
+        )
 
     def _is_away(self, view: View, cell: Cell) -> bool:
         return straight(cell, view.base) > GATHERED
