@@ -82,11 +82,12 @@ def test_order_of_trials(
     assert probe.platforms_to_try(renderer) == expected
 
 
-def test_importing_loads_no_gl_library() -> None:
-    """Whatever the machine lacks, the modules of this room can be imported."""
+def test_importing_loads_no_library_for_pictures() -> None:
+    """Whatever the machine lacks, this room can be imported; a server that encodes no picture has
+    no OpenCV in its memory."""
     program = (
-        "import sys, usarsim_server.cameras.render_loop, usarsim_server.cameras.gl\n"
-        "print(sorted(name for name in sys.modules if name.split('.')[0] == 'OpenGL'))"
+        "import sys, usarsim_server.app, usarsim_server.cameras.gl\n"
+        "print(sorted(one for one in sys.modules if one.split('.')[0] in ('OpenGL', 'cv2')))"
     )
     answer = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=300

@@ -6,7 +6,6 @@ import base64
 import hashlib
 from collections.abc import Iterable
 
-import cv2
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -99,6 +98,8 @@ def texture(model: mujoco.MjModel, number: int, room: int) -> tuple[str, Message
 
 def _picture(image: NDArray[np.uint8], *, cube: bool) -> tuple[bytes, str, tuple[int, int]]:
     """An encoded picture, its format, and its width and height."""
+    import cv2  # 16 MiB, for servers whose textures somebody takes
+
     largest = max(image.shape[1], 0 if cube else image.shape[0])
     if largest > LARGEST_TEXTURE:
         shrink = LARGEST_TEXTURE / largest

@@ -9,7 +9,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -120,19 +119,14 @@ def encode_jpeg(pixels: NDArray[np.uint8], quality: int, head: bytes) -> memoryv
     height, width = pixels.shape[:2]
     if max(height, width) > LONGEST_SIDE:
         raise ValueError(f"cannot encode {width} x {height} pixels: a side has {LONGEST_SIDE}")
-    _, payload = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), _settings(quality))
+    import cv2  # 16 MiB, for servers whose pictures somebody takes
+
+    settings = [cv2.IMWRITE_JPEG_QUALITY, quality]
+    settings += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420]
+    _, payload = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), settings)
     message = bytearray(head)
     message += payload.tobytes()
     return memoryview(message)
-
-
-def _settings(quality: int) -> list[int]:
-    return [
-        cv2.IMWRITE_JPEG_QUALITY,
-        quality,
-        cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
-        cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420,
-    ]
 
 
 def _cut(pixels: NDArray[np.uint8], region: Region) -> NDArray[np.uint8]:

@@ -14,7 +14,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -285,6 +284,8 @@ def _add(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Draw one world into one file; returns the exit code."""
+    import cv2  # no use to a server
+
     parser = argparse.ArgumentParser(
         prog="python -m usarsim_server.worlds.scene", description="Draw a world into a PNG file."
     )
