@@ -60,7 +60,8 @@ class Dispatcher:
             if self._thread is None and not self._stopping:
                 self._thread = threading.Thread(target=self._run, name="robots", daemon=True)
                 self._thread.start()
-            self._signal.notify()
+            if not self._held:  # else it would only look and wait on
+                self._signal.notify()
 
     @contextmanager
     def batched(self) -> Iterator[None]:

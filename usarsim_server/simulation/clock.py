@@ -22,6 +22,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Protocol
 
 from usarsim_server.logs import Log
@@ -48,6 +49,7 @@ STAND_POLL = 0.1
 """s of wall time between two looks while the world stands still."""
 
 _log = Log("simulation")
+_DUE, _OLDEST = attrgetter("due"), attrgetter("oldest")
 
 
 @dataclass(frozen=True, slots=True)
@@ -346,7 +348,7 @@ class Stepper:
                 _tell(report)
 
     def _ahead_of_reports(self) -> bool:
-        oldest = min((one.oldest for one in self._everybody), default=math.inf)
+        oldest = min(map(_OLDEST, self._everybody), default=math.inf)
         return oldest < self._engine.time - MAX_AHEAD
 
     def _run_unpaced(self, patience: Patience) -> None:
@@ -390,7 +392,7 @@ class Stepper:
             self._mail.wait(0.001, seen)
 
     def _steps_to_due(self, most: int, horizon: float) -> int:
-        due = min((one.due for one in self._everybody), default=math.inf)
+        due = min(map(_DUE, self._everybody), default=math.inf)
         ahead = min(due, horizon) - self._engine.time
         if ahead >= most * self._engine.timestep:
             return most

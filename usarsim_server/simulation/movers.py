@@ -121,7 +121,7 @@ class MovingBodies(Part):
         self._twist = np.zeros((len(movers) + 1, 6))
 
     def _measure_reach(self, indices: list[int], bodies: NDArray[np.intp]) -> None:
-        """How near (m) the roots of all trees may come to each body without consequence."""
+        """How near the roots of all trees may come to each body without consequence, squared."""
         self._mocap = np.array(indices, dtype=np.intp)
         if not indices:
             return
@@ -130,7 +130,7 @@ class MovingBodies(Part):
         own[[int(body) not in number for body in bodies]] = 0.0
         loose = self._model.body_mocapid[roots] < 0
         self._roots = roots[loose]
-        self._reach = radii[loose][:, None] + own + HASTE
+        self._reach = np.square(radii[loose][:, None] + own + HASTE)
 
     def begin(self, data: mujoco.MjData) -> None:
         self._step = 0
@@ -164,8 +164,8 @@ class MovingBodies(Part):
         if not self._ways:
             return False
         places, bodies = data.xpos[self._roots], data.mocap_pos[self._mocap]
-        away = np.linalg.norm(places[:, None] - bodies, axis=2)
-        return bool((away < self._reach).any())
+        away = places[:, None] - bodies
+        return bool((np.einsum("ijk,ijk->ij", away, away) < self._reach).any())
 
     def between(self, data: mujoco.MjData) -> None:
         """Tell the contacts how fast the bodies go in this step.
