@@ -27,11 +27,13 @@ class TestWatching:
     """What is watched is rendered, nothing else is."""
 
     def test_nobody_watches_nothing_is_rendered(self, stage: Set) -> None:
-        """Without a watcher there is no frame for a camera, no thread and no work."""
+        """Without a watcher there is no frame for a camera, no thread, no renderer and no work."""
+        stage.render_loop.open()
         assert stage.render_loop.newest(GRID.region(0)) is None
         time.sleep(MOMENT)
         assert stage.render_loop.pictures == 0
         assert stage.world.looks == 0
+        assert stage.render_loop._thread is None
 
     def test_a_watched_tile_is_rendered_and_no_other(self, stage: Set) -> None:
         """One tile of a watched region is painted; the others stay black."""

@@ -32,21 +32,25 @@ from usarsim_server.services.watch_list import FrameSignal
 from usarsim_server.testing import PATIENCE
 
 TILE_SIZE = (TILE.width, TILE.height)
-QUICK = ImageLimits(patience=0.2, linger=0.2)
+QUICK = ImageLimits(patience=0.2, first_patience=0.2, linger=0.2)
 
 
 # Waiting for the renderer
 
 
 def test_request_waits_for_the_first_frame(images) -> None:
-    """Nothing rendered yet: the client gets the first real picture, no placeholder."""
+    """Nothing rendered yet: the client gets the first real picture, no placeholder, though the
+    renderer has to be opened; later ones are waited for less long."""
     source = FakeSource(value=None)
-    client = images(source).connect()
+    client = images(source, limits=ImageLimits(patience=0.01)).connect()
     client.send(b"OK")
     assert eventually(lambda: source.looked_at == {GRID.frame})
     assert client.silent_for(0.1)
     source.show(42)
     assert client.value() == 42
+    source.fresh = False
+    client.send(b"OK")
+    assert client.value() == 128
 
 
 def test_frame_that_is_not_yet_up_to_date_is_waited_over(images) -> None:
@@ -252,7 +256,7 @@ def test_client_that_leaves_in_the_middle_of_a_picture_disturbs_nobody(images, c
 def test_client_that_leaves_while_it_waits_is_forgotten(images) -> None:
     """Nothing was rendered yet when it went: its attention ends with it."""
     source = FakeSource(value=None)
-    running = images(source, limits=ImageLimits(patience=0.2))
+    running = images(source, limits=QUICK)
     client = running.connect()
     client.send(b"OK")
     assert eventually(lambda: bool(source.watches))

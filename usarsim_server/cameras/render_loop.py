@@ -171,7 +171,9 @@ class RenderLoop:
             raise UsarsimError("the picture took too long") from None
 
     def open(self) -> None:
-        """Get ready: open the renderer, load the world. Returns at once.
+        """Make sure that there can be pictures; they begin when somebody looks.
+
+        Opening the renderer takes a second of processor time and some 90 MiB.
 
         Raises:
             UsarsimError: if the renderer asked for does not work on this machine.
@@ -179,9 +181,6 @@ class RenderLoop:
         check_renderer(self._options.painter.renderer)
         if self._options.always:
             self.watch(self.grid.frame, _nobody)
-        with self._wake:
-            self._jobs.append(_Job(_ANYTHING, self._simulation.look(), Future()))
-        self._start()
 
     def close(self) -> None:
         """Stop rendering and wait for the thread; watchers are not told of anything any more."""

@@ -62,6 +62,8 @@ class ImageLimits(PortLimits):
     patience: float = 2.0
     """s that a request waits for the renderer; then it is answered with the latest frame that came
     meanwhile, or with a grey picture."""
+    first_patience: float = 10.0
+    """The same until there is a first picture, for which the renderer is opened."""
     linger: float = 2.0  # s for which a region is rendered on after it was asked for
     regions: int = 64
     """Regions rendered for one client at a time; as many as a grid has tiles at most."""
@@ -169,7 +171,8 @@ class _PictureCache:
         self.copies = WorkBudget(limits.copies_share, pace=pace)
         self.heard = guests.heard
         self._encoder = encoder
-        self._patience = limits.patience
+        self._patience, self._first_patience = limits.patience, limits.first_patience
+        self._drawn = False  # whether the renderer has shown anything
         self._log = log
         self._loop = asyncio.get_running_loop()
         self._threads = ThreadPoolExecutor(_ENCODERS, "image-encoder")
@@ -189,13 +192,15 @@ class _PictureCache:
 
         If it takes too long: the latest frame that came meanwhile, None if none did.
         """
-        deadline = self._loop.time() + self._patience
+        patience = self._patience if self._drawn else self._first_patience
+        deadline = self._loop.time() + patience
         latest: Frame | None = None
         while True:
             news = self.signal.next()
             frame = self.source.newest(region)
             if frame is not None:
                 self._complained = False
+                self._drawn |= frame.number > 0
                 return frame
             done, _ = await asyncio.wait({news}, timeout=deadline - self._loop.time())
             if not done:
