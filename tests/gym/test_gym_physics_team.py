@@ -62,9 +62,29 @@ def test_they_see_and_meet_each_other(hall: str) -> None:
     assert [one.touching for one in stage.rovers] == [True, True]
 
 
-def test_bandwidth_is_for_the_grid() -> None:
+@pytest.mark.parametrize(
+    ("shape", "least", "most"),
+    [({"latency": 3}, 0.8, 0.99), ({"latency": 50}, 0.0, 0.0), ({"bandwidth": 40}, 0.01, 0.2)],
+)
+def test_messages_take_bytes_and_steps(
+    hall: str, shape: dict[str, int], least: float, most: float
+) -> None:
+    """E-81: of what robots know the base knows what has had the time to arrive, and no more than
+    fits into as many bytes; frames get lost in the same way again."""
+    told = []
+    for _ in range(2):
+        team = ExplorePhysicsTeam(hall, radio={"model": "circle", "loss": 0.1, **shape})
+        team.reset(seed=3)
+        for _ in range(12):
+            _, _, _, _, infos = team.step({"robot_1": np.array([0, 1.0]), "robot_2": np.zeros(2)})
+        assert infos["robot_1"]["linked"] == [2]
+        told.append(np.stack([one.bits for one in team.level.charts]))
+    assert np.array_equal(*told)
+    base, *robots = told[0] != 0
+    assert least <= base.sum() / np.logical_or(*robots).sum() <= most
+
+
+def test_a_team_of_nobody() -> None:
     """One line with the cure."""
-    with pytest.raises(UsarsimError, match="remove bandwidth"):
-        ExplorePhysicsTeam(radio={"model": "circle", "bandwidth": 1000})
     with pytest.raises(UsarsimError, match="robots: 0"):
         ExplorePhysicsTeam(robots=0)

@@ -9,19 +9,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 from gymnasium import spaces
 
+from usarsim_exploration.cycle import Cycle, Member, set_up
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.errors import ExplorationError
-from usarsim_exploration.radio import create_radio, find_links
+from usarsim_exploration.known_map import FREE, KNOWN, SAFE, WALL
+from usarsim_exploration.radio import Links, create_radio, find_links
 from usarsim_exploration.showing.picture import draw
 from usarsim_exploration.showing.scene import Cells, Figure, Scene
 from usarsim_exploration.worlds import draw_places, find
 from usarsim_gym.chart import Bits, Chart, moved
 from usarsim_gym.level import Rewards
+from usarsim_gym.puppets import Puppet
 from usarsim_gym.rover import TICK, Place, Stage
 from usarsim_gym.seeing import Observation, Picture, map_spaces, surroundings, whole
 from usarsim_server.tables import Table
@@ -57,7 +61,7 @@ class Crew:
             speed: of their wheels, m/s. reach, noise: of the range finder; standard deviation of
                 its echoes; m.
             localisation: whence the poses are that robots are told, where they draw their maps.
-            radio: `[radio]` of a scenario, without bandwidth, latency and loss. radio_range: m.
+            radio: `[radio]` of a scenario; a step of it is one of 0.1 s. radio_range: m.
             trails: remember them, for pictures.
 
         Raises:
@@ -70,9 +74,6 @@ class Crew:
         table = Table(radio, "radio", ExplorationError)
         self._radio = create_radio(table)
         table.finish()
-        if self._radio.shaped:
-            problem = "links of the physics carry everything at once"
-            raise ExplorationError(f"radio: {problem} (remove bandwidth, latency and loss)")
         self._world, self._localisation = find(world), localisation
         self.robots, self.rewards = robots, rewards
         self.stage = Stage(self._world, robot, robots, speed, reach, noise)
@@ -116,7 +117,16 @@ class Crew:
         self.cut = False
         if self._trails is not None:
             self._trails.clear()
+        slow = self.robots > 1 and self._radio.shaped
+        self._cycle = self._correspond(int(random.integers(2**31))) if slow else None
         self._look()
+
+    def _correspond(self, seed: int) -> Cycle:
+        """Maps as they are written in messages, and who carries these; nobody has said anything."""
+        team = [Member("Base", "base", self._base, reach=0, radio_range=self._range)]
+        team += [replace(team[0], name=f"R{n}", role="explorer") for n in range(1, self.robots + 1)]
+        truth = self._world.environment
+        return set_up(truth, team, Puppet(), self._radio, seed, late=range(len(team)))
 
     def step(self, told: Mapping[int, Any]) -> None:
         """0.1 s of simulated time. told: (2,) ahead and to the right, by number."""
@@ -164,12 +174,30 @@ class Crew:
         ranges = [self._range, *(self._range * one.works for one in self.stage.rovers)]
         links = find_links(self._radio, truth, there, ranges, self._steps)
         self.linked = [np.flatnonzero(row).tolist() for row in links.closed]
+        if self._cycle is not None:
+            self._send(self._cycle, links)
+            return
         for group in links.groups():
             merged = np.bitwise_or.reduce([self.charts[number].bits for number in group])
             cells = {number: self._cell(number) for number in group if number}
             for number in group:
                 self.charts[number].bits[:] = merged
                 self._heard[number] |= {one: at for one, at in cells.items() if one != number}
+
+    def _send(self, cycle: Cycle, links: Links) -> None:
+        """The same by messages, which take bytes and steps and get lost, hop by hop."""
+        for number, (chart, body) in enumerate(zip(self.charts, cycle.bodies, strict=True)):
+            body.works = number == 0 or self.works(number)
+            body.view.cell = self._cell(number) if number else self._base
+            known = body.view.known
+            bits = np.where(chart.bits & WALL, np.uint8(WALL | SAFE), chart.bits)
+            cells = np.flatnonzero((bits ^ known.bits) & KNOWN)
+            known.write(self._steps, cells, bits.reshape(-1)[cells])
+        cycle.messages.trade(self._steps, cycle.bodies, links, cycle.environment)
+        for number, (chart, body) in enumerate(zip(self.charts, cycle.bodies, strict=True)):
+            chart.bits |= body.view.known.bits & np.uint8(FREE | WALL)
+            mates = body.view.teammates
+            self._heard[number] = {n: one.cell for n, one in mates.items() if n and one.heard >= 0}
 
     # -- what robots are told -----------------------------------------------------------------
 
