@@ -178,7 +178,7 @@ def test_relay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_delivery(tmp_path: Path) -> None:
     """Pictures arrive; where there is OpenGL they are compared with those of a loop."""
-    figures = measured(tmp_path, "delivery", 5.0, robots=1)
+    figures = measured(tmp_path, "delivery", 2.0, robots=1)
     assert figures["Server: pictures of all cameras"]["value"] > 0.0
     ratio = figures.get("Delivered / rendered by the loop")
     if ratio is None:
@@ -202,7 +202,7 @@ FIGURES: dict[str, tuple[float, dict[str, str | None]]] = {
         },
     ),
     "watched": (
-        5.0,
+        1.8,
         {
             "Real-time factor, lowest of all robots": ">= 0.999",
             "Pictures of a camera, fewest": ">= 4.5",

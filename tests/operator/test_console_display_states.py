@@ -51,6 +51,9 @@ def test_frozen_input_is_stale_everywhere(browser: Any, played: Played) -> None:
             return all(set(all_) == {"false"} for all_ in page.evaluate(STALE).values())
 
         until(heard)
+        # The page's clock stands: what comes by now, all of it anew, is of no age when all ends.
+        since = page.evaluate("usarsim.store.state.time")
+        until(lambda: page.evaluate("usarsim.store.state.time") > since + 1.0)
         played.gateway.frozen = True
         # The last text has arrived, and with it all that was sent before.
         until(lambda: page.evaluate("usarsim.store.state.time") == played.gateway.last_time)

@@ -51,10 +51,11 @@ class Rig:
 
 @pytest.fixture(scope="module")
 def rig(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
-    """Two robots with a scanner of rows."""
+    """Two robots with a scanner of rows; what is drawn of them nobody looks at, so it is small."""
+    small = {"width": 480, "height": 320}
     with (
         real(tmp_path_factory.mktemp("rig"), 2, kind="Looker") as (server, console, _),
-        shown(browser, console.urls["instructor"]) as page,
+        shown(browser, console.urls["instructor"], viewport=small) as page,
     ):
         until(lambda: page.get_attribute("[data-panel=view3d]", "data-scene"))
         yield Rig(server, console, page)
@@ -129,8 +130,6 @@ def test_meshes_are_where_robots_are(rig: Rig) -> None:
         threads[name] = task
         task.start()
 
-    usual = page.viewport_size
-    page.set_viewport_size({"width": 480, "height": 320})  # what is drawn here nobody looks at
     page.select_option("[data-do=speed]", "4")
     page.evaluate(RECORD)
     join("A", 0)
@@ -145,7 +144,6 @@ def test_meshes_are_where_robots_are(rig: Rig) -> None:
     until(lambda: truth["A"][-1].time > began + 62.0)
     stop.set()
     page.select_option("[data-do=speed]", "1")
-    page.set_viewport_size(usual)
     seen = page.evaluate("window.seen")
     for name, rows in truth.items():
         error = errors([one for who, one in seen if who == name], rows)

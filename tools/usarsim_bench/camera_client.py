@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +13,9 @@ from zlib import crc32
 from usarsim_bench.figures import p99
 from usarsim_bench.server import Asking, BenchError
 from usarsim_client import FULL_FRAME, pictures
+
+_PATIENCE = 30.0
+"""s of wall time for the first picture."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +52,7 @@ class Viewer(Asking):
             BenchError: if nobody listens.
         """
         self.pictures: list[Picture] = []
+        self._first = threading.Event()
         self._request = FULL_FRAME if rectangle is None else pictures.rectangle(*rectangle)
         super().__init__(port, "images", 0.0 if rate is None else 1.0 / rate)
 
@@ -59,6 +64,12 @@ class Viewer(Asking):
         come = time.perf_counter()
         octets = pictures.HEADER.size + len(payload)
         self.pictures.append(Picture(asked, come, octets, crc32(payload)))
+        self._first.set()
+
+    def wait(self) -> None:
+        """Wait for the first picture, for which a server opens its renderer; `close` tells why if
+        none comes."""
+        self._first.wait(_PATIENCE)
 
 
 @dataclass(frozen=True, slots=True)

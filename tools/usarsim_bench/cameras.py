@@ -63,6 +63,8 @@ def measure_watched(plan: Plan) -> Section:
             viewers = [
                 stack.enter_context(Viewer(port, tile, CAMERA_RATE)) for tile in tiles_of(robots)
             ]
+            for viewer in viewers:
+                viewer.wait()
             trial = try_team(server, crowd, 0, seconds)
         seen = [summed_up(one.pictures, trial.start, trial.stop) for one in viewers]
     width, height = TILE_SIZE
@@ -149,7 +151,7 @@ def _watched(
     server: Server, crowd: Crowd, port: int, look: Look, seconds: float
 ) -> tuple[TeamTrial, ViewerTrial]:
     with Viewer(port, look.rectangle, look.rate) as viewer:
-        # Nobody joins; the crowd settles while the renderer starts.
+        viewer.wait()
         trial = try_team(server, crowd, 0, seconds)
     return trial, summed_up(viewer.pictures, trial.start, trial.stop)
 

@@ -167,6 +167,8 @@ def _watched(
             stack.enter_context(Viewer(port, tile, rate))
             for tile in tiles_of(robots * SURVEYOR_CAMERAS)
         ]
+        for viewer in viewers:
+            viewer.wait()
         trial = try_team(server, crowd, 0, seconds)
     return trial, [summed_up(one.pictures, trial.start, trial.stop) for one in viewers]
 
