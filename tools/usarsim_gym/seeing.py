@@ -79,17 +79,23 @@ def whole(bits: Picture, cell: Cell, mates: Iterable[Cell] = ()) -> Picture:
 
 def _parts(cells: NDArray[np.bool_]) -> Picture:
     """(48, 48) of each patch the part that is set, 0 to 255."""
-    top, bottom = _patches(cells.shape[0])
-    left, right = _patches(cells.shape[1])
-    sums = cv2.integral(cells.view(np.uint8))
-    above, below = sums[top], sums[bottom]
-    counts = below[:, right] - below[:, left] - above[:, right] + above[:, left]
-    areas = np.multiply.outer(bottom - top, right - left)
+    corners, areas = _corners(*cells.shape)
+    low_right, low_left, high_right, high_left = cv2.integral(cells.view(np.uint8)).take(corners)
+    counts = low_right - low_left - high_right + high_left
     parts: Picture = (255 * counts // areas).astype(np.uint8)
     return parts
 
 
 @lru_cache(maxsize=64)
+def _corners(rows: int, columns: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """(4, 48, 48) places of the corners of patches in a flat sum over cells; (48, 48) areas."""
+    top, bottom = _patches(rows)
+    left, right = _patches(columns)
+    ends = (bottom, right), (bottom, left), (top, right), (top, left)
+    places = np.stack([np.add.outer(row * (columns + 1), column) for row, column in ends])
+    return places, np.multiply.outer(bottom - top, right - left).astype(np.int32)
+
+
 def _patches(length: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Where patches of rows or columns begin and end; in small maps some are the same."""
     edges = -(-np.arange(WHOLE + 1) * length // WHOLE)
