@@ -5,7 +5,7 @@ Three rates are taken in one process, on one thread, in turns, with the same rob
 * **engine**: `Engine.advance`, that is MuJoCo's two half steps with wheel servos, contact
   compensation and the check for divergence, in batches as long as those of a running server;
 * **mujoco**: the part of it that is spent inside `mj_step1` and `mj_step2`, taken on a twin of the
-  engine that goes through the very same states: bare MuJoCo with the same contacts;
+  engine that goes through the very same states in two halves: bare MuJoCo with the same contacts;
 * **bare**: a loop of `mj_step` and nothing else, the wheels driven by MuJoCo's own velocity
   actuators. Every repetition starts in the engine's state but then goes its own way: without
   compensation robots that turn hop, are in the air much of the time, and so cost MuJoCo less.
@@ -177,6 +177,7 @@ class _Scene:
         self._robots = range(robots)
         self._engine = _engine(world, description, robots)
         self._twin = _engine(world, description, robots)
+        self._twin.parts.native = None  # in two halves, which give the same
         self._watch = Stopwatch()
         self._plain = with_velocity_actuators(self._engine, BARE_GAIN)
         self._bare = mujoco.MjData(self._plain)

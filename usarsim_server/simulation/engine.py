@@ -26,7 +26,7 @@ from usarsim_server.simulation.model import (
     slot_prefix,
 )
 from usarsim_server.simulation.movers import Mover, Way, carry_over
-from usarsim_server.simulation.parts import Hook
+from usarsim_server.simulation.parts import MOST_AT_REST, Hook
 from usarsim_server.simulation.sleep import inherit_sleep
 from usarsim_server.simulation.snapshot import Snapshot
 
@@ -62,7 +62,7 @@ class Engine:
         self.parts = WorldParts(self.world, options)
         self._active: dict[int, int] = {}
         self._left: dict[int, int] = {}
-        self.after_batch: Callable[[], None] = _nothing
+        self.after_batch: Callable[[], None] = lambda: None
         self.after_step: tuple[Hook, ...] = ()
         self.steps = 0
         mujoco.mj_kinematics(self.world.model, self.data)
@@ -300,6 +300,9 @@ class Engine:
         model, data, parts = self.world.model, self.data, self.parts
         before, between, after = parts.before, parts.between, (*parts.after, *self.after_step)
         parts.begin(data)
+        if parts.native and steps <= MOST_AT_REST and not self.after_step and parts.rest():
+            parts.native.step(model, data, steps)
+            steps = 0
         for _ in range(steps):
             for hook in before:
                 hook(data)
@@ -430,10 +433,6 @@ class Engine:
         """Bring the poses of all bodies up to date."""
         self.parts.moving.apply(self.data, self.data.time)
         mujoco.mj_kinematics(self.world.model, self.data)
-
-
-def _nothing() -> None:
-    """Nobody wants to know."""
 
 
 def _finite(coordinates: Array) -> Array:

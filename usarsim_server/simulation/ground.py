@@ -102,6 +102,9 @@ class Traction(Part):
         within = (centres > self._near_low) & (centres < self._near_high)
         self._near = bool(within.all(axis=2).any())
 
+    def rests(self) -> bool:
+        return not self._near
+
     def between(self, data: mujoco.MjData) -> None:
         """Change contacts and set forces; before compensation."""
         if self._near:

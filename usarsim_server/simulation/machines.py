@@ -174,6 +174,9 @@ class Machines(Part):
             presence.look(data)
             machine.decide(data.time - self._epoch, presence)
 
+    def rests(self) -> bool:
+        return not self._machines
+
     def state(self, data: mujoco.MjData) -> tuple[object, ...]:
         """What all have decided, for `restore`."""
         return tuple(machine.state() for machine in self._machines)

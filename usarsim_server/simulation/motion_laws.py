@@ -156,6 +156,9 @@ class Laws(Part):
         for law in self._feeling:
             law.feel(self._model, data)
 
+    def rests(self) -> bool:
+        return not self._running
+
     def state(self, data: mujoco.MjData) -> LawsState:
         laws = tuple(law.state() for one in self._laws.values() for law, _ in one)
         return self._commands.copy(), laws, frozenset(self._active)

@@ -20,14 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.frames import Array, Pose
-from usarsim_server.simulation.parts import Part
+from usarsim_server.simulation.parts import MOST_AT_REST, Part
 from usarsim_server.simulation.rays.culling import bounding_spheres
 from usarsim_server.simulation.snapshot import Snapshot
 
 Way = Callable[[float], Pose]
 """Pose in the world at a simulated time (s)."""
 
-LOOK_STEPS = 5
+LOOK_STEPS = MOST_AT_REST
 """Steps between two looks whether anything is near a body."""
 HASTE = 1.0
 """m that two things may come nearer between two such looks: 20 ms at 50 m/s."""
@@ -134,15 +134,22 @@ class MovingBodies(Part):
 
     def begin(self, data: mujoco.MjData) -> None:
         self._step = 0
+        self._look(data)
+
+    def rests(self) -> bool:
+        return not self._met
+
+    def _look(self, data: mujoco.MjData) -> None:
+        self.apply(data, data.time)
+        self._met = self._near(data)
 
     def before(self, data: mujoco.MjData) -> None:
         """Place the bodies; while nothing is near one of them, only every few steps."""
-        looking = self._step % LOOK_STEPS == 0
-        self._step += 1
-        if looking or self._met:
+        step, self._step = self._step, self._step + 1
+        if step and step % LOOK_STEPS == 0:
+            self._look(data)
+        elif step and self._met:
             self.apply(data, data.time)
-        if looking:
-            self._met = self._near(data)
 
     def apply(self, data: mujoco.MjData, time: float) -> None:
         """Put all bodies where they are at a time."""

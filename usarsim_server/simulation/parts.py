@@ -12,6 +12,9 @@ import mujoco
 
 from usarsim_server.simulation.frames import Pose
 
+MOST_AT_REST = 5
+"""Steps of the longest batch that may be made in one call."""
+
 
 class Part:
     """Something that takes part in every step of one model generation; physics thread.
@@ -35,6 +38,11 @@ class Part:
 
     def end(self, data: mujoco.MjData) -> None:
         """After a batch of steps."""
+
+    def rests(self) -> bool:
+        """Whether it does nothing in the steps of the batch that has begun (`MOST_AT_REST` at most)
+        before, between and after them. Not asked of who does nothing there at all."""
+        return False
 
     # -- slots -------------------------------------------------------------------------------
 

@@ -181,6 +181,22 @@ class WheelServos(_Servos):
         targets = (self._target, self._setpoint, self._idle)
         return (*targets, self._hold, self._engaged, self._free)
 
+    @property
+    def course(self) -> tuple[bool, bool]:
+        """Whether all wheels are steady, so that `update` has nothing to do; whether any turns."""
+        return self._steady, self._moving
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What `update` reads and writes, by name; the arrays stay the same ones."""
+        names = ("target", "increment", "decrement", "delay", "setpoint", "idle", "hold", "shift")
+        return {name: getattr(self, f"_{name}") for name in (*names, "engaged", "angles", "dofs")}
+
+    def went_on(self, steady: bool, moving: bool) -> None:
+        """All set points have been advanced, by somebody else, in `arrays`."""
+        self._steady, self._moving, self._rested = steady, moving, True
+
+    # -- stepping ----------------------------------------------------------------------------
+
     def before(self, data: mujoco.MjData) -> None:
         """Advance all set points, see `update`."""
         self.update(data.qpos)
@@ -201,11 +217,11 @@ class WheelServos(_Servos):
         still = (self._setpoint == 0.0) & (self._target == 0.0) & self._engaged
         standing = bool(np.count_nonzero(still))
         if standing:
-            self._idle = np.where(still, self._idle + self._timestep, 0.0)
+            self._idle[:] = np.where(still, self._idle + self._timestep, 0.0)
             braked = still & (self._idle >= self._delay)
             angles = qpos[self._angles]
             kept = np.where(np.isnan(self._hold), angles, self._hold)
-            self._hold = np.where(braked, kept, np.nan)
+            self._hold[:] = np.where(braked, kept, np.nan)
             back = np.clip(HOLD_GAIN * (self._hold - angles), -HOLD_SPEED, HOLD_SPEED)
             self._shift[self._dofs] = np.where(braked, back, self._setpoint)
         else:
@@ -331,6 +347,11 @@ class JointServos(_Servos):
         """Position (rad or m) that a joint is told to take; None if it is told something else."""
         joint = self._index[slot][name.lower()]
         return float(self._target[joint]) if self._positioned[joint] else None
+
+    @property
+    def count(self) -> int:
+        """How many joints there are."""
+        return len(self._joints)
 
     # -- state -------------------------------------------------------------------------------
 

@@ -1,0 +1,94 @@
+/* Wheel servos and contact compensation between the halves of MuJoCo's steps, as a callback of it, so
+   that several steps are one call. The same operations on the same numbers in the same order as in
+   servos.py and ground.py, which tell why; results are equal bit by bit (no contraction). */
+
+#include <math.h>
+#include <stdint.h>
+#include <mujoco/mujoco.h>
+
+/* What is worked on; __init__.py has the same fields. */
+typedef struct {
+  mjData* data;
+  double timestep, seen, gain, most;
+  const double *target, *increment, *decrement, *delay;
+  double *setpoint, *idle, *hold, *shift;
+  const uint8_t* engaged;
+  const int64_t *angles, *dofs;
+  int32_t wheels, steady, moving, compensate, calls;
+} Work;
+
+/* The callback is one of the whole process, so it asks whose state comes. */
+static __thread Work* current;
+
+/* Let this thread's steps of a state be helped from now on, or none (NULL). */
+void enter(Work* work) { current = work; }
+
+static double clipped(double value, double most) {
+  return value < -most ? -most : value > most ? most : value;
+}
+
+/* WheelServos.update */
+static void update(Work* w, const double* qpos) {
+  int standing = 0, changing = 0;
+  for (int i = 0; i < w->wheels; i++) {
+    double change = w->target[i] - w->setpoint[i];
+    double most = change * w->setpoint[i] < 0.0 ? w->decrement[i] : w->increment[i];
+    change = clipped(change, most);
+    changing |= change != 0.0;
+    w->setpoint[i] += change;
+    double speed = w->setpoint[i], angle = qpos[w->angles[i]];
+    int still = speed == 0.0 && w->target[i] == 0.0 && w->engaged[i];
+    standing |= still;
+    w->idle[i] = still ? w->idle[i] + w->timestep : 0.0;
+    if (still && w->idle[i] >= w->delay[i]) {
+      if (isnan(w->hold[i])) w->hold[i] = angle;
+      speed = clipped(w->gain * (w->hold[i] - angle), w->most);
+    } else {
+      w->hold[i] = NAN;
+    }
+    w->shift[w->dofs[i]] = speed;
+  }
+  w->moving = 0;
+  for (int i = 0; i < w->wheels; i++) w->moving |= w->shift[w->dofs[i]] != 0.0;
+  w->steady = !(standing || changing);
+}
+
+/* _Servos.between */
+static void shift(mjData* d, const double* by) {
+  for (int row = d->ne; row < d->ne + d->nf; row++)
+    if (d->efc_type[row] == mjCNSTR_FRICTION_DOF)
+      d->efc_aref[row] += by[d->efc_id[row]] * d->efc_KBIP[4 * row + 1];
+}
+
+/* ground.compensate */
+static void compensate(const mjModel* m, mjData* d) {
+  if (!d->ncon) return;
+  double* aref = d->efc_aref;
+  mj_markStack(d);
+  double* moved = mj_stackAllocNum(d, d->nefc);
+  mj_mulJacVec(m, d, moved, d->qacc_warmstart);
+  for (int i = 0; i < d->ncon; i++) {
+    const mjContact* c = d->contact + i;
+    int row = c->efc_address;
+    if (row < 0 || c->dim < 3) continue;
+    double one = aref[row + 1], two = aref[row + 2];
+    double squares = one * one + two * two;
+    double left = one - moved[row + 1], beside = two - moved[row + 2];
+    left = left * left + beside * beside;
+    if (squares < left || isnan(squares)) left = squares;
+    aref[row] -= sqrt(left) * c->friction[0];
+  }
+  mj_freeStack(d);
+}
+
+void control(const mjModel* m, mjData* d) {
+  Work* w = current;
+  if (!w || w->data != d) return;
+  /* A second time in one step it is called for trees that have just fallen asleep. */
+  if (d->time == w->seen) return;
+  w->seen = d->time;
+  w->calls++;
+  if (!w->steady) update(w, d->qpos);
+  if (w->moving) shift(d, w->shift);
+  if (w->compensate) compensate(m, d);
+}
