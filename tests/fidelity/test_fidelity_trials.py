@@ -111,7 +111,7 @@ def test_the_tests_see_what_compensation_is_for(
 ) -> None:
     """Without contact compensation V4 and V10 fail: the robot hops and turns too slowly."""
     monkeypatch.setattr("usarsim_server.simulation.ground.compensate", lambda *_: None)
-    monkeypatch.setattr("usarsim_server.simulation.native.library", lambda: None)
+    monkeypatch.setattr("usarsim_server.simulation.growth.native_steps", lambda *_: None)
     with flat(shop, "P3AT_real") as stage:
         turn = turn_in_place(stage, 6.0, 3.0)
     assert turn.hop > 0.0005

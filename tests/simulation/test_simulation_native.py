@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import threading
 from pathlib import Path
 
 import mujoco
@@ -13,7 +13,7 @@ from sim_fakes import engine_with, pose_at, straight, turn
 from usarsim_server.simulation import native
 from usarsim_server.simulation.engine import Engine
 
-needs_compiler = pytest.mark.skipif(native.library() is None, reason="no C compiler")
+needs_compiler = pytest.mark.skipif(native.library()[0] is None, reason="no C compiler")
 
 
 def played(engine: Engine, batch: int) -> np.ndarray:
@@ -41,15 +41,6 @@ def played(engine: Engine, batch: int) -> np.ndarray:
     return np.nan_to_num(np.array(seen), nan=-1.0)
 
 
-@pytest.fixture
-def without_compiler(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """As on a machine without a C compiler."""
-    monkeypatch.setattr(native.shutil, "which", lambda _: None)
-    native.library.cache_clear()
-    yield
-    native.library.cache_clear()
-
-
 @needs_compiler
 @pytest.mark.parametrize("batch", [2, 5])
 def test_same_as_numpy(batch: int) -> None:
@@ -65,23 +56,70 @@ def test_same_as_numpy(batch: int) -> None:
 
 
 @needs_compiler
-def test_a_callback_that_was_taken_is_noticed() -> None:
-    """Whoever sets MuJoCo's callback does not silently switch servos and compensation off."""
-    engine = engine_with((0.0, 0.0))
-    callback = mujoco.get_mjcb_control()
-    mujoco.set_mjcb_control(None)
+def test_a_callback_of_somebody_else_is_let_be() -> None:
+    """Who sets MuJoCo's callback has it; servos and compensation are numpy's then."""
+    engine, twin = engine_with((0.0, 0.0)), engine_with((0.0, 0.0))
+    twin.parts.native = None
+    called: list[object] = []
+    mujoco.set_mjcb_control(lambda *_: called.append(None))
     try:
-        with pytest.raises(RuntimeError, match="mjcb_control"):
-            engine.advance(2)
+        for one in (engine, twin):
+            one.drive(0, straight(4.0))
+            assert one.advance(5) == []
     finally:
-        mujoco.set_mjcb_control(callback)
+        mujoco.set_mjcb_control(None)
+    assert len(called) == 10
+    np.testing.assert_array_equal(engine.data.qvel, twin.data.qvel)
+    assert engine.parts.native is not None
+    assert engine.parts.native.step(engine.world.model, engine.data, 1)
 
 
-def test_without_a_compiler_numpy_steps(without_compiler: None) -> None:
+@needs_compiler
+def test_steps_of_others_are_let_be() -> None:
+    """Neither plain MuJoCo nor an engine of another thread is helped with what is one engine's."""
+    engines = [engine_with((0.0, 0.0), (1.0, 0.2)) for _ in range(3)]
+    plain = [mujoco.MjData(engines[0].world.model) for _ in range(2)]
+    for number, engine in enumerate(engines):
+        engine.drive(0, turn(3.0))
+        engine.parts.native = engine.parts.native if number else None
+
+    def go(engine: Engine) -> None:
+        for _ in range(40):
+            assert engine.advance(5) == []
+
+    go(engines[0])
+    mujoco.mj_step(engines[0].world.model, plain[0], 50)
+    threads = [threading.Thread(target=go, args=(engine,)) for engine in engines[1:]]
+    for thread in threads:
+        thread.start()
+    mujoco.mj_step(engines[0].world.model, plain[1], 50)
+    for thread in threads:
+        thread.join()
+    for engine in engines[1:]:
+        np.testing.assert_array_equal(engine.data.qpos, engines[0].data.qpos)
+    np.testing.assert_array_equal(plain[1].qpos, plain[0].qpos)
+
+
+def test_without_a_compiler_numpy_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is missing where nothing can be compiled."""
+    monkeypatch.setattr(native.shutil, "which", lambda _: None)
+    monkeypatch.setattr(native, "library", native.library.__wrapped__)
+    assert native.library() == (None, "no C compiler (cc)")
     engine = engine_with((0.0, 0.0))
     assert engine.parts.native is None
     assert engine.advance(2) == []
+
+
+def test_a_compiler_that_fails_is_one_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever it leaves behind is taken away."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(native.shutil, "which", lambda _: "/bin/false")
+    code, reason = native.library.__wrapped__()
+    assert code is None
+    assert "/bin/false" in reason
+    assert list((tmp_path / "usarsim" / "steps").iterdir()) == []
 
 
 def test_a_folder_that_others_write_to_is_not_used(
@@ -89,7 +127,9 @@ def test_a_folder_that_others_write_to_is_not_used(
 ) -> None:
     """No code is loaded that somebody else may have put there."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    (tmp_path / "usarsim").mkdir()
-    (tmp_path / "usarsim").chmod(0o777)
-    with pytest.raises(OSError, match="others may write"):
-        native._compiled()
+    monkeypatch.setattr(native.shutil, "which", lambda _: "/bin/false")
+    folder = tmp_path / "usarsim" / "steps"
+    folder.mkdir(parents=True)
+    folder.chmod(0o777)
+    _, reason = native.library.__wrapped__()
+    assert "others may write" in reason

@@ -26,7 +26,7 @@ from usarsim_server.simulation.model import (
     slot_prefix,
 )
 from usarsim_server.simulation.movers import Mover, Way, carry_over
-from usarsim_server.simulation.parts import MOST_AT_REST, Hook
+from usarsim_server.simulation.parts import Hook
 from usarsim_server.simulation.sleep import inherit_sleep
 from usarsim_server.simulation.snapshot import Snapshot
 
@@ -300,9 +300,8 @@ class Engine:
         model, data, parts = self.world.model, self.data, self.parts
         before, between, after = parts.before, parts.between, (*parts.after, *self.after_step)
         parts.begin(data)
-        if parts.native and steps <= MOST_AT_REST and not self.after_step and parts.rest():
-            parts.native.step(model, data, steps)
-            steps = 0
+        if parts.native and not self.after_step and parts.rest(steps):
+            steps = 0 if parts.native.step(model, data, steps) else steps
         for _ in range(steps):
             for hook in before:
                 hook(data)

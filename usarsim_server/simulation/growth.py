@@ -33,7 +33,7 @@ from usarsim_server.simulation.model import (
 from usarsim_server.simulation.motion_laws import Laws
 from usarsim_server.simulation.movers import MovingBodies
 from usarsim_server.simulation.native import native_steps
-from usarsim_server.simulation.parts import Part, Parts
+from usarsim_server.simulation.parts import MOST_AT_REST, Part, Parts
 from usarsim_server.simulation.servos import JointServos, WheelServos
 from usarsim_server.simulation.sleep import Sleep
 
@@ -61,13 +61,13 @@ class WorldParts(Parts):
             contacts.append(Compensation(model))
         first = (self.wheels, self.joints, self.laws, self.machines, self.moving, self.belts)
         super().__init__(*first, *contacts, self.hands, self.sleep)
-        self.native = native_steps(self.wheels, self.joints, options.timestep, options.compensation)
+        self.native = native_steps(self.wheels, options.timestep, options.compensation)
         """Makes whole batches of steps while all others rest; None: nobody does."""
-        self._others = (self.laws, self.machines, self.moving, *contacts[: bool(options.surfaces)])
+        self._others = self.stepping(but=(WheelServos, Compensation))
 
-    def rest(self) -> bool:
-        """Whether nothing but wheels and compensation works in the batch that has begun."""
-        return all(one.rests() for one in self._others)
+    def rest(self, steps: int) -> bool:
+        """Whether only wheels and compensation work in a batch of so many steps that has begun."""
+        return steps <= MOST_AT_REST and all(one.rests() for one in self._others)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

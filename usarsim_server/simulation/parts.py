@@ -40,8 +40,8 @@ class Part:
         """After a batch of steps."""
 
     def rests(self) -> bool:
-        """Whether it does nothing in the steps of the batch that has begun (`MOST_AT_REST` at most)
-        before, between and after them. Not asked of who does nothing there at all."""
+        """Whether it has nothing to do before, between and after the steps of the batch that has
+        begun, of `MOST_AT_REST` at most."""
         return False
 
     # -- slots -------------------------------------------------------------------------------
@@ -95,8 +95,13 @@ class Parts:
         """Of the parts that do anything there; loops over these are in the hot path."""
 
     def _hooks(self, name: str) -> tuple[Hook, ...]:
-        nothing = getattr(Part, name)
-        return tuple(getattr(one, name) for one in self._all if getattr(type(one), name) != nothing)
+        return tuple(getattr(one, name) for one in self._all if _does(one, name))
+
+    def stepping(self, but: tuple[type[Part], ...]) -> tuple[Part, ...]:
+        """Those that do anything before, between or after steps, without those of some kinds."""
+        steps = ("before", "between", "after")
+        busy = (one for one in self._all if any(_does(one, name) for name in steps))
+        return tuple(one for one in busy if not isinstance(one, but))
 
     def begin(self, data: mujoco.MjData) -> None:
         """See `Part.begin`."""
@@ -147,3 +152,7 @@ class Parts:
         """See `Part.inherit`."""
         for one, former in zip(self._all, older._all, strict=True):
             one.inherit(former, slots, data, old)
+
+
+def _does(part: Part, name: str) -> bool:
+    return getattr(type(part), name) is not getattr(Part, name)

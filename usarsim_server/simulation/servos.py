@@ -117,7 +117,7 @@ class WheelServos(_Servos):
         self._same = np.array_equal(self._increment, self._decrement)
         """Whether all slow down as fast as they speed up."""
         self._negative = -self._increment
-        self._delay = np.repeat([slot.brake_delay for slot in slots], counts)
+        self._delay = np.repeat(np.array([slot.brake_delay for slot in slots], float), counts)
         count = len(self._dofs)
         self._target = np.zeros(count)
         self._setpoint = np.zeros(count)
@@ -348,10 +348,8 @@ class JointServos(_Servos):
         joint = self._index[slot][name.lower()]
         return float(self._target[joint]) if self._positioned[joint] else None
 
-    @property
-    def count(self) -> int:
-        """How many joints there are."""
-        return len(self._joints)
+    def rests(self) -> bool:
+        return not len(self._joints)
 
     # -- state -------------------------------------------------------------------------------
 

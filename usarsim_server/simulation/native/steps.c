@@ -20,8 +20,15 @@ typedef struct {
 /* The callback is one of the whole process, so it asks whose state comes. */
 static __thread Work* current;
 
-/* Let this thread's steps of a state be helped from now on, or none (NULL). */
-void enter(Work* work) { current = work; }
+void control(const mjModel* m, mjData* d);
+
+/* Help with this thread's steps of a state from now on, or with none (NULL); 0, and no help, while the
+   callback is another's. */
+int enter(Work* work) {
+  if (!mjcb_control) mjcb_control = control;
+  current = work;
+  return mjcb_control == control;
+}
 
 static double clipped(double value, double most) {
   return value < -most ? -most : value > most ? most : value;
