@@ -15,6 +15,7 @@ from usarsim_server.doctor.checks.server import (
     judge_cameras,
     judge_physics,
     judge_rays,
+    judge_steps,
     judge_team,
     most_robots,
     team_size,
@@ -24,6 +25,7 @@ from usarsim_server.doctor.registry import Context, Mark
 from usarsim_server.errors import SettingsError
 from usarsim_server.options import load_settings
 from usarsim_server.settings import Settings
+from usarsim_server.simulation import native
 
 HERE = Context(Settings())
 COST = Cost(base=0.021, physics=0.005, rays=0.005)
@@ -35,6 +37,7 @@ PHYSICS: Mapping[str, Any] = {
     "base_cost": 0.02,
     "cost_per_robot": 0.005,
     "core_left": 0.9,
+    "not_compiled": "no C compiler (cc)",
 }
 RAYS: Mapping[str, Any] = {
     "beams": 181,
@@ -164,6 +167,15 @@ def test_slow_machines_are_warned() -> None:
     assert (blurred.mark, blurred.cure) == (Mark.WARNING, "usarsim serve --camera-rate 4")
     fine = judge_cameras(Outcome({**pictures, "pictures_per_second": 100.0}), HERE)
     assert "6 watched cameras at 15 per second" in fine.text
+
+
+def test_whether_steps_are_compiled_is_said(measured: dict[str, Mapping[str, Any]]) -> None:
+    """One line, with the reason if they are not; as it is here, and as it would be without."""
+    here = judge_steps(Outcome(measured["physics"]))
+    assert (here.mark is Mark.OK) == (native.library()[0] is not None)
+    without = judge_steps(Outcome(PHYSICS))
+    assert without.mark is Mark.NOTE
+    assert without.text.endswith("no C compiler (cc)")
 
 
 def test_what_cannot_be_measured_is_one_line() -> None:

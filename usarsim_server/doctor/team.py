@@ -19,6 +19,7 @@ from usarsim_server.cameras.backend import Quality
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.settings import Settings
+from usarsim_server.simulation import native
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.rays.query import PendingReport, RayFan
 from usarsim_server.simulation.snapshot import Snapshot
@@ -208,7 +209,8 @@ def _half_circle(vehicle: Vehicle, snapshot: Snapshot, beams: int) -> RayFan:
 
 
 def physics(settings: Settings, _: str) -> dict[str, object]:
-    """Steps per s of processor time with a driving team, and what of that each robot costs."""
+    """Steps per s of processor time with a driving team, what of that each robot costs, and why
+    its steps are not compiled, if they are not."""
     team = _team(settings.timestep)
     large, share = team.pace(MEASURED)
     team.shrink(SMALL_TEAM)
@@ -223,6 +225,7 @@ def physics(settings: Settings, _: str) -> dict[str, object]:
         "base_cost": max(0.0, large - TEAM * per_robot),
         "cost_per_robot": per_robot,
         "core_left": share,
+        "not_compiled": native.library()[1],
     }
 
 

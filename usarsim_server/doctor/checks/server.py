@@ -85,6 +85,8 @@ def look_at_rates(context: Context) -> Iterator[Finding]:
     yield judge_physics(physics, context)
     yield judge_rays(rays)
     yield judge_cameras(outcomes["cameras"], context)
+    if physics.failure is None:
+        yield judge_steps(physics)
     if physics.failure is None and rays.failure is None:
         cost = cost_of(physics.values, rays.values)
         yield judge_team(cost, context, cores(), float(physics.values["core_left"]))
@@ -106,6 +108,14 @@ def judge_physics(outcome: Outcome, context: Context) -> Finding:
     return Finding(
         "physics", Mark.WARNING, text, context.serve({"--timestep": 0.008}), values=facts
     )
+
+
+def judge_steps(outcome: Outcome) -> Finding:
+    """Whether servos and contact compensation are compiled."""
+    reason = str(outcome.values["not_compiled"])
+    if not reason:
+        return Finding("steps", Mark.OK, "servos and contact compensation are compiled")
+    return Finding("steps", Mark.NOTE, f"not compiled, so somewhat slower: {reason}")
 
 
 def judge_rays(outcome: Outcome) -> Finding:
