@@ -34,7 +34,13 @@ from usarsim_bench.crowd import DEFAULT_CLASS, Crowd
 from usarsim_bench.figures import Aim, Figure, Plan, Section
 from usarsim_bench.robot_files import SCOUT, SCOUT_SENSORS, scouts
 from usarsim_bench.server import BenchError, Server
-from usarsim_bench.stepping import BARE_GAIN, Stopwatch, halves_timed, with_velocity_actuators
+from usarsim_bench.stepping import (
+    BARE_GAIN,
+    HALVES,
+    Stopwatch,
+    calls_timed,
+    with_velocity_actuators,
+)
 from usarsim_bench.swarm import TOGETHER
 from usarsim_bench.team import SETTLE, gather
 from usarsim_server.cli import main as usarsim
@@ -61,8 +67,9 @@ class Turn:
     server: float  # the same of all threads of the server
     engine: float  # the part of it that was spent in `Engine.advance`
     mujoco: float
-    """The part of that that was spent inside MuJoCo's two half steps: bare MuJoCo with the same
-    contacts, in the very same states; 0 if the engine steps otherwise."""
+    """The part of that that was spent inside MuJoCo's steps and half steps: bare MuJoCo with the
+    same contacts, in the very same states, with what is compiled of the server (some
+    microseconds); 0 if the engine steps otherwise."""
     bare: float  # processor seconds of a bare step
     contacts: int  # of the scene at the pause
 
@@ -164,7 +171,7 @@ def compared() -> Iterator[Bystander]:
         bystander.stepped(engine, steps, time.thread_time() - begun)
         return lost
 
-    with mock.patch.object(Engine, "advance", advance), halves_timed(watch):
+    with mock.patch.object(Engine, "advance", advance), calls_timed(watch, (*HALVES, "mj_step")):
         yield bystander
 
 
@@ -221,7 +228,8 @@ def measure_physics(plan: Plan) -> Section:
         f"commands at 2 Hz each, clients in another process, {seconds:g} s for each size. Every "
         "0.7 s the thread pauses and steps the scene that it has reached with mj_step and nothing "
         "else, the wheels driven by MuJoCo's own velocity actuators. MuJoCo's part: inside "
-        "mj_step1 and mj_step2 in the thread's own run, so in the very same states. Server: all "
+        "mj_step, or its two halves, in the thread's own run, so in the very same states, with "
+        "what is compiled of servos and compensation. Server: all "
         "its threads, which answer everything that clients read, between the same moments. "
         "Processor time per step; ratios are medians of these turns.",
         tuple(figures),

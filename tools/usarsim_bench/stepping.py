@@ -17,7 +17,7 @@ Rates are steps per second of processor time, so that other programs disturb the
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import product
@@ -145,9 +145,9 @@ class Stopwatch:
     def timed(self, function: Callable[..., Any]) -> Callable[..., Any]:
         """The same function, with its time added up."""
 
-        def wrapper(*arguments: Any) -> Any:
+        def wrapper(*arguments: Any, **named: Any) -> Any:
             start = time.thread_time()
-            result = function(*arguments)
+            result = function(*arguments, **named)
             self._seconds += time.thread_time() - start
             self.calls += 1
             return result
@@ -156,10 +156,10 @@ class Stopwatch:
 
 
 @contextmanager
-def halves_timed(watch: Stopwatch) -> Iterator[None]:
-    """While inside, the two half steps of MuJoCo are timed, whoever in this process calls them."""
+def calls_timed(watch: Stopwatch, names: Sequence[str]) -> Iterator[None]:
+    """While inside, functions of MuJoCo are timed, whoever in this process calls them."""
     with ExitStack() as stack:
-        for name in HALVES:
+        for name in names:
             timed = watch.timed(getattr(mujoco, name))
             stack.enter_context(mock.patch.object(mujoco, name, timed))
         yield
@@ -234,7 +234,7 @@ class _Scene:
         """
         seconds = _timed(lambda: _advance(self._engine))
         self._watch.reset()
-        with halves_timed(self._watch):
+        with calls_timed(self._watch, HALVES):
             _advance(self._twin)
         if self._watch.calls != len(HALVES) * CHUNK_STEPS:
             raise RuntimeError("the engine does not step by two halves")
