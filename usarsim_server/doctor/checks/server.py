@@ -83,10 +83,10 @@ def look_at_rates(context: Context) -> Iterator[Finding]:
     outcomes = attempt(("physics", "rays", "cameras"), settings, TIMEOUT)
     physics, rays = outcomes["physics"], outcomes["rays"]
     yield judge_physics(physics, context)
-    yield judge_rays(rays)
-    yield judge_cameras(outcomes["cameras"], context)
     if physics.failure is None:
         yield judge_steps(physics)
+    yield judge_rays(rays)
+    yield judge_cameras(outcomes["cameras"], context)
     if physics.failure is None and rays.failure is None:
         cost = cost_of(physics.values, rays.values)
         yield judge_team(cost, context, cores(), float(physics.values["core_left"]))
