@@ -20,6 +20,8 @@ from usarsim_exploration.scenario import read
 from usarsim_exploration.sensing import Scanner
 from usarsim_exploration.strategy import Plan, Strategy, View
 
+NEAR = {"robots": 2, "base": "drawn at a wall", "reach": 40, "radio": 2000}
+
 
 @dataclass
 class Along(Strategy):
@@ -140,22 +142,37 @@ def test_noise_is_as_large_as_it_is_said() -> None:
 
 
 @pytest.mark.parametrize(
-    ("world", "name", "robots", "seed", "steps", "least"),
+    ("world", "name", "team", "radio", "seed", "steps", "least"),
     [
-        ("blocks", "range-constrained", 4, 5, 560, 0.5),
-        ("cave", "leader-follower", 8, 1, 420, 0.75),
+        ("blocks", "range-constrained", {"robots": 4}, "path-loss", 5, 560, 0.5),
+        ("cave", "leader-follower", {"robots": 8}, "path-loss", 1, 420, 0.75),
+        ("hall", "leader-follower", {"robots": 2}, "circle", 3, 300, 0.95),
+        ("warren", "range-constrained", {"robots": 4}, "path-loss", 4, 330, 0.1),
+        ("hall", "wall-follow", NEAR, "circle", 9, 160, 0.3),
     ],
 )
-def test_nobody_waits_for_a_chain_that_is_locked(
-    world: str, name: str, robots: int, seed: int, steps: int, least: float
+def test_nobody_stands_about(
+    world: str,
+    name: str,
+    team: dict[str, object],
+    radio: str,
+    seed: int,
+    steps: int,
+    least: float,
 ) -> None:
-    """EXP-18: starts where a relay stood for robots that had gone home, or no link let go."""
+    """EXP-18: starts where robots stood though there was something to find.
+
+    A relay stood for robots that had gone home; no link let go; each of two minded a link that was
+    as long as it may be; one had gone home for good before others found more; one went round in
+    seven moves that were too few to be a lap.
+    """
     scenario = read(
         {
             "seed": seed,
             "environment": {"name": world},
-            "team": {"robots": robots, "base": "drawn"},
+            "team": {"base": "drawn"} | team,
             "strategy": {"name": name},
+            "radio": {"model": radio},
             "end": {"steps": steps},
         }
     )

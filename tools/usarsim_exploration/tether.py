@@ -33,8 +33,8 @@ def held(
     view: View, cells: Sequence[Cell] | NDArray[np.int64], others: Sequence[Cell]
 ) -> NDArray[np.bool_]:
     """Which cells have a link to any of some others that can be counted upon, (cells,)."""
-    if not len(cells):
-        return np.zeros(0, np.bool_)
+    if not len(cells) or not len(others):
+        return np.zeros(len(cells), np.bool_)
     there, anchors = np.array(cells, np.int64), np.array(others, np.int64)
     away = np.hypot(*(anchors[:, None] - there[[0, -1]]).transpose(2, 0, 1)).sum(axis=1)
     nearest = np.argsort(away, kind="stable")  # they hold most of it

@@ -105,9 +105,11 @@ class LeaderFollower(Strategy):
         near = [view.teammates[parent]] + ([child] if child and child.number in view.linked else [])
         part = self._way[: math.ceil(view.speed) + 1]
         for mate in near:
-            slack = mate.speed if mate.number != BASE else 0.0
+            bound = mate.number == BASE or (mate is near[0] and self._still > SETTLED)
+            slack = 0.0 if bound else mate.speed
             part = leading(part, links(view, part, [mate.cell], slack)[:, 0]) if part else part
-        stuck = self._gathers and self._still > SETTLED and not view.radio.certain
+        loose = self._since >= 0 or not view.radio.certain
+        stuck = self._gathers and self._still > SETTLED and loose
         if (self._home or stuck) and not part:  # nobody waits for ever on the way home
             part = self._way[: math.ceil(view.speed) + 1]
         self._still = 0 if part else self._still + 1
@@ -125,7 +127,10 @@ class LeaderFollower(Strategy):
         self._waited, self._planned = 0, -(10**9)
         self._fails = self._fails + 1 if self._failed == view.cell else 0
         self._failed = view.cell
-        if self._fails >= LOCKED and view.known.free > self._called:
+        if self._fails >= LOCKED:
+            if view.known.free <= self._called:  # to no avail, the last time
+                self._given_up.add(self._goal or view.base)
+            self._fails = 0
             self._called, self._since, self._gathers = view.known.free, view.step, True
         elif self._gathers or not self._posts or self._goal in self._tried:
             self._gathers = False
@@ -233,6 +238,10 @@ class LeaderFollower(Strategy):
     def _go(self, view: View, goal: Cell, home: bool = False) -> None:
         self._goal, self._home = goal, home
         self._way = view.planner.path(view.cell, goal) or []
+        if self._still > SETTLED and view.radio.certain:  # that way leads out of reach at once
+            parent, _ = self._neighbours(view)
+            anchor = view.teammates[parent].cell
+            self._way = ways_within(view, [goal], [anchor]).get(goal, self._way)
 
     def letter(self, view: View) -> Letter:
         """Whether nothing is left to find, how long it has not moved, and what the leader wants."""

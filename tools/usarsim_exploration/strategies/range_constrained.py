@@ -79,7 +79,7 @@ class RangeConstrained(Strategy):
     def decide(self, view: View) -> Plan | None:
         """Hold the place of a relay, or plan when it is time or when anchors have changed."""
         if view.known.free != self._free:
-            self._free, self._news = view.known.free, view.step
+            self._free, self._news, self._over = view.known.free, view.step, False
         if not self._turned:
             self._turned = True
             if turn := turn_to_base(view):
@@ -263,10 +263,10 @@ class RangeConstrained(Strategy):
         return leading(path, held(view, path, self._anchors)) if path else path
 
     def _end(self, view: View) -> Plan | None:
-        """All that is in reach is known, so no link has to be held any more."""
+        """Nothing new for long: home, with no link to hold; who hears of news begins anew."""
         if self._over and not view.blocked:
             return None
-        self._over, self._parked = True, None
+        self._over, self._leaving, self._parked, self._task = True, False, None, None
         return go_home(view)
 
     def _back(self, view: View) -> Plan | None:

@@ -23,7 +23,7 @@ from usarsim_server.fields import field
 MOVES = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
 """Clockwise from the right, so that a move's number is its heading in eighths of a turn."""
 _APART = 12
-"""Moves after which a place counts as visited again."""
+"""Moves after its first visit from which a place counts as visited again."""
 
 
 @register("wall-follow")
@@ -86,8 +86,8 @@ class WallFollow(Seeker):
         for there in self._planned_path[: self._planned_path.index(view.cell) + 1]:
             key = there, _number(cell, there)
             self._moves += 1
-            lap = lap or self._moves - self._visited.get(key, self._moves) > _APART
-            self._visited[key] = self._moves
+            first = self._visited.setdefault(key, self._moves)  # the last would hide short rounds
+            lap = lap or self._moves - first > _APART
             cell = there
         return lap
 
