@@ -144,6 +144,21 @@ def test_expected_links_agree(seed: int, slack: float, by_cells: bool, unknown: 
     assert (any_ == other.any(axis=1)).all()
 
 
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32), st.floats(0.0, 0.3), st.booleans())
+def test_outlines_agree(seed: int, dense: float, by_cells: bool) -> None:
+    """How far a radio reaches."""
+    random = np.random.default_rng(seed)
+    walls = (random.random((30, 40)) < dense).astype(np.uint8)
+    ranges = np.sort(random.uniform(0.0, 50.0, random.integers(1, 6)))[::-1].copy()
+    angles = np.linspace(0.0, 2 * np.pi, 30)
+    rest = (*random.integers(0, (40, 30)).tolist(), np.stack([np.cos(angles), np.sin(angles)], 1))
+    one, other = (
+        form.outlined(walls, *rest, ranges, by_cells) for form in (compiled_linking, plain)
+    )
+    assert (one == other).all()
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32), st.integers(1, 90), st.integers(0, 60))
 def test_trades_agree(seed: int, size: int, count: int) -> None:

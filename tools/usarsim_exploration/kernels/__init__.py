@@ -10,7 +10,7 @@ try:
     if os.environ.get("USARSIM_EXPLORATION_PLAIN"):
         raise ImportError
     from usarsim_exploration.kernels.compiled import crossings, flood, march
-    from usarsim_exploration.kernels.linking import expected
+    from usarsim_exploration.kernels.linking import expected, outlined
     from usarsim_exploration.kernels.looking import count_first, look, take_in
     from usarsim_exploration.kernels.trading import (
         agree,
@@ -24,7 +24,7 @@ try:
 
     COMPILED = True
 except ImportError:
-    from usarsim_exploration.kernels.plain import crossings, expected, flood, march
+    from usarsim_exploration.kernels.plain import crossings, expected, flood, march, outlined
     from usarsim_exploration.kernels.plain_looking import count_first, look, take_in
     from usarsim_exploration.kernels.plain_trading import (
         agree,
@@ -40,5 +40,5 @@ except ImportError:
 
 __all__ = [
     "COMPILED", "agree", "count_first", "crossings", "expected", "flood", "fold", "look", "march",
-    "once", "send", "settle", "take_in", "tell", "waiting_news",
+    "once", "outlined", "send", "settle", "take_in", "tell", "waiting_news",
 ]  # fmt: skip

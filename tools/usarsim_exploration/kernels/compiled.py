@@ -156,6 +156,44 @@ def flood(
 
 
 @compiled
+def line(
+    column: int, row: int, right: int, down: int, stride: int
+) -> tuple[int, int, int, int, int]:
+    """How to go along the line from a cell to one so far to the right and below, cell by cell.
+
+    Part p of it is the cell's own plus the way times p / parts, rounded, halves up.
+
+    Args:
+        stride: cells of a row.
+
+    Returns:
+        Parts; flat moves along the longer side and, when `turns` says so, along the other one;
+        where it begins on the other side, and how far it goes there.
+    """
+    along, beside = (1 if right > 0 else -1), (stride if down > 0 else -stride)
+    if abs(down) > abs(right):
+        return abs(down), beside, along, column, right
+    return max(abs(right), 1), along if right else 0, beside, row, down
+
+
+@compiled
+def turns(error: int, part: int, parts: int, begin: int, aside: int) -> bool:
+    """Whether a line moves to the side at a part.
+
+    Whole numbers tell, but where it passes right between two cells: there floats do, as in numpy.
+
+    Args:
+        error: 2 |aside| more at each part, and 2 parts less at each move to the side.
+        parts, begin, aside: of `line`.
+    """
+    if error != parts:
+        return error > parts
+    before = (2 * abs(aside) * part - parts) // (2 * parts)
+    place = begin + (before if aside > 0 else -before)
+    return bool(math.floor(begin + aside * (part / parts) + 0.5) != place)
+
+
+@compiled
 def crossings(values: NDArray[np.uint8], pairs: Ints) -> Ints:
     """What lies on the lines between pairs of cells, ends included.
 
@@ -167,15 +205,15 @@ def crossings(values: NDArray[np.uint8], pairs: Ints) -> Ints:
         (n, 4) runs of walls, cells of walls, runs of what is not free, unknown cells.
     """
     found = np.zeros((len(pairs), 4), np.int64)
+    flat, stride = values.ravel(), values.shape[1]
     for index in range(len(pairs)):
-        right, down = pairs[index, 2] - pairs[index, 0], pairs[index, 3] - pairs[index, 1]
-        parts = max(abs(right), abs(down), 1)
-        before = 0
-        for part in range(parts + 1):
-            share = part / parts
-            column = math.floor(pairs[index, 0] + right * share + 0.5)
-            row = math.floor(pairs[index, 1] + down * share + 0.5)
-            value = values[row, column]
+        column, row = pairs[index, 0], pairs[index, 1]
+        right, down = pairs[index, 2] - column, pairs[index, 3] - row
+        parts, along, beside, begin, aside = line(column, row, right, down, stride)
+        cell = row * stride + column
+        before = error = part = 0
+        while True:
+            value = flat[cell]
             if value == 2:
                 found[index, 1] += 1
                 if before != 2:
@@ -185,4 +223,12 @@ def crossings(values: NDArray[np.uint8], pairs: Ints) -> Ints:
             if value and not before:
                 found[index, 2] += 1
             before = value
+            part += 1
+            if part > parts:
+                break
+            cell += along
+            error += 2 * abs(aside)
+            if turns(error, part, parts, begin, aside):
+                cell += beside
+                error -= 2 * parts
     return found

@@ -31,6 +31,9 @@ _COUNTED = np.array(
 )
 """Which bits are counted as free, as at base, as relayed."""
 
+_CHUNK = 16
+"""Cells by which an outline grows at once."""
+
 
 def march(
     blocked: NDArray[np.uint8], stride: int, starts: Ints, columns: Ints, rows: Ints
@@ -135,6 +138,40 @@ def expected(
         walls = seen + np.where(doubtful > unknown, doubtful, doubtful // per_wall)
     linked: NDArray[np.bool_] = away <= ranges[np.minimum(walls, len(ranges) - 1)]
     return linked.reshape(len(cells), len(others))
+
+
+def outlined(
+    walls: NDArray[np.uint8],
+    column: int,
+    row: int,
+    ways: NDArray[np.float64],
+    ranges: NDArray[np.float64],
+    cells_count: bool,
+) -> Ints:
+    """See `linking.outlined`; several cells of all directions at once."""
+    rows, columns = walls.shape
+    cell = np.array([column, row], np.int64)
+    ends = np.tile(cell, (len(ways), 1))
+    open_ = np.arange(len(ways))
+    values, start = (walls != 0) * np.uint8(2), 1
+    while len(open_):
+        along = np.arange(start, start + _CHUNK)
+        cells = np.floor(cell + ways[open_, None] * along[:, None] + 0.5).astype(np.int64)
+        inside = ((cells >= 0) & (cells < (columns, rows))).all(axis=2)
+        heard = np.zeros(inside.shape, np.bool_)
+        pairs = np.concatenate([np.broadcast_to(cell, (inside.sum(), 2)), cells[inside]], axis=1)
+        away = np.sqrt(((pairs[:, :2] - pairs[:, 2:]) ** 2).sum(axis=1))
+        between = np.zeros(len(pairs), np.int64)
+        if len(ranges) > 1:
+            between = crossings(values, pairs)[:, int(cells_count)]
+        heard[inside] = away <= ranges[np.minimum(between, len(ranges) - 1)]
+        lost = ~heard
+        count = np.where(lost.any(axis=1), lost.argmax(axis=1), _CHUNK)
+        some = count > 0
+        ends[open_[some]] = cells[some, count[some] - 1]
+        open_ = open_[count == _CHUNK]
+        start += _CHUNK
+    return ends
 
 
 def recount(old: NDArray[np.uint8], new: NDArray[np.uint8]) -> Ints:

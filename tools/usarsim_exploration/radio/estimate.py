@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell, Environment
-from usarsim_exploration.kernels import crossings, expected
+from usarsim_exploration.kernels import expected, outlined
 from usarsim_exploration.known_map import KnownMap
 from usarsim_exploration.radio.models import Radio
 
@@ -20,9 +20,6 @@ _FARTHEST = 1e5
 """Cells; no map is as wide."""
 _ENDLESS = 10**9
 """Walls."""
-_CHUNK = 16
-"""Cells by which an outline grows at once."""
-
 Cells = NDArray[np.int64]
 """(n, 2) columns and rows."""
 
@@ -107,29 +104,8 @@ def outline(
     Returns:
         (directions, 2) the last cells with a link, clockwise from the right.
     """
-    rows, columns = environment.shape
     angles = 2 * np.pi * np.arange(directions) / directions
     ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    ends = np.tile(np.array(cell, np.int64), (directions, 1))
-    open_ = np.arange(directions)
-    values, start = environment.walls * np.uint8(2), 1
     far = float(radio.reach(np.array([reach]), np.array([reach]))[0])
     ranges = _ranges(radio, far, environment.cell)
-    while len(open_):
-        along = np.arange(start, start + _CHUNK)
-        cells = np.floor(np.array(cell) + ways[open_, None] * along[:, None] + 0.5).astype(np.int64)
-        inside = ((cells >= 0) & (cells < (columns, rows))).all(axis=2)
-        heard = np.zeros(inside.shape, np.bool_)
-        pairs = np.concatenate([np.broadcast_to(cell, (inside.sum(), 2)), cells[inside]], axis=1)
-        away = np.hypot(*(pairs[:, :2] - pairs[:, 2:]).T)
-        walls = np.zeros(len(pairs), np.int64)
-        if radio.counts_walls:
-            walls = crossings(values, np.ascontiguousarray(pairs))[:, int(radio.wall_cells)]
-        heard[inside] = away <= ranges[np.minimum(walls, len(ranges) - 1)]
-        lost = ~heard
-        count = np.where(lost.any(axis=1), lost.argmax(axis=1), _CHUNK)
-        some = count > 0
-        ends[open_[some]] = cells[some, count[some] - 1]
-        open_ = open_[count == _CHUNK]
-        start += _CHUNK
-    return ends
+    return outlined(environment.walls, *cell, ways, ranges, radio.wall_cells)
