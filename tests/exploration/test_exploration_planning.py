@@ -12,6 +12,7 @@ from usarsim_exploration.kernels import flood, searching
 from usarsim_exploration.kernels.steps import EVERYWHERE, FAR, STRAIGHT
 from usarsim_exploration.known_map import FREE, SAFE, WALL, KnownMap
 from usarsim_exploration.planning import (
+    Floods,
     Path,
     Planner,
     TopologicalMap,
@@ -216,6 +217,23 @@ def test_plans_are_of_ones_own_map() -> None:
     for planner, way in zip(planners, (True, False), strict=True):
         found = planner.topology(1).path(planner.passable, start, goal)
         assert (found.path is not None) is way
+
+
+def test_floods_are_shared_by_equal_maps_only() -> None:
+    """E-49: the second who asks for the same gets the same; one cell more, and it floods itself."""
+    free, floods, start = office(), Floods(), (5, 5)
+    near, far = np.array([(30, 20)]), np.array([(150, 130)])
+    first, _ = floods.costs(free, start, 10**6, far)
+    assert floods.costs(free.copy(), start, 10**6, near)[0] is first
+    whole, _ = floods.costs(free.copy(), start, 10**6, EVERYWHERE)
+    assert whole is not first
+    assert (whole == flood(free, np.array([start]), 10**6, EVERYWHERE)[0]).all()
+    assert floods.costs(free, start, 10**6, far)[0] is whole
+    other = free.copy()
+    other[20, 30] = 0
+    costs, _ = floods.costs(other, start, 10**6, near)
+    assert costs[20, 30] == FAR != whole[20, 30]
+    assert floods.costs(free, start, 100, near)[1], "few expansions are a limit as before"
 
 
 def test_a_topological_map_is_made_anew() -> None:

@@ -20,7 +20,7 @@ from usarsim_exploration.kernels import count_first
 from usarsim_exploration.known_map import FREE, WALL, KnownMap
 from usarsim_exploration.levels.grid import GridLevel, Level
 from usarsim_exploration.messages import letter_size
-from usarsim_exploration.planning import Planner
+from usarsim_exploration.planning import Floods, Planner
 from usarsim_exploration.radio import Links, Radio, RadioEstimate
 from usarsim_exploration.sensing import Scanner
 from usarsim_exploration.strategy import BASE as BASE
@@ -204,13 +204,14 @@ def set_up(
     seeds = np.random.SeedSequence(seed).spawn(2 * len(team) + 1)
     thinking, losing, noise = seeds[: len(team)], seeds[len(team)], seeds[len(team) + 1 :]
     scanners: dict[tuple[int, float], Scanner] = {}
-    bodies = []
+    bodies, floods = [], Floods()
     for number, member in enumerate(team):
         known = KnownMap(environment.shape)
         estimate = RadioEstimate(radio, known, member.radio_range, environment.cell)
         view = View(
             number, member.name, member.role, member.parent, member.child, member.speed,
-            member.reach, team[BASE].cell, member.cell, member.heading, known, Planner(known),
+            member.reach, team[BASE].cell, member.cell, member.heading, known,
+            Planner(known, floods=floods),
             estimate, np.random.Generator(np.random.PCG64(thinking[number])),
         )  # fmt: skip
         for other, one in enumerate(team):

@@ -6,6 +6,8 @@ asking for ten distances costs as much as for one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +16,7 @@ from usarsim_exploration.kernels import flood
 from usarsim_exploration.kernels.searching import descend
 from usarsim_exploration.kernels.steps import EVERYWHERE, FAR, STRAIGHT
 from usarsim_exploration.known_map import FREE, WALL, KnownMap
+from usarsim_exploration.planning.floods import Floods
 from usarsim_exploration.planning.search import LIMIT, Path, Search, jump_points
 from usarsim_exploration.planning.topology import TopologicalMap
 
@@ -23,12 +26,25 @@ UNIT = float(STRAIGHT)
 class Field:
     """Costs of all cells from some starts, through known free space."""
 
-    def __init__(self, passable: NDArray[np.uint8], starts: list[Cell], limit: int) -> None:
-        """Flood. limit: expansions; when it is hit, `cut` is set and farther cells are out."""
+    def __init__(
+        self,
+        passable: NDArray[np.uint8],
+        starts: Sequence[Cell],
+        limit: int,
+        floods: Floods | None = None,
+    ) -> None:
+        """Flood.
+
+        Args:
+            limit: expansions; when it is hit, `cut` is set and farther cells are out.
+            floods: that may be known already.
+        """
         self._passable = passable
-        cells = np.array(starts, np.int64)
-        self.costs, self.expanded = flood(passable, cells, limit, EVERYWHERE)
-        self.cut = self.expanded >= limit
+        if floods is not None and len(starts) == 1:
+            self.costs, self.cut = floods.costs(passable, starts[0], limit, EVERYWHERE)
+        else:
+            self.costs, expanded = flood(passable, np.array(starts, np.int64), limit, EVERYWHERE)
+            self.cut = expanded >= limit
 
     def distance(self, cell: Cell) -> float:
         """Length of the way to a cell, cells; infinite if there is none."""
@@ -63,9 +79,10 @@ class Planner:
     """Steps before which a topological map is not made anew, after which it is in any case, and
     newly known free cells that are needed between (exploration reference 2)."""
 
-    def __init__(self, known: KnownMap, limit: int = LIMIT) -> None:
-        """limit: cells that one flood or search expands at most."""
+    def __init__(self, known: KnownMap, limit: int = LIMIT, floods: Floods | None = None) -> None:
+        """Args: limit, cells that one flood or search expands at most; floods, of the team."""
         self._known, self._limit = known, limit
+        self._floods = Floods() if floods is None else floods
         self._fields: dict[tuple[Cell, ...], tuple[int, Field]] = {}
         self._passable: tuple[int, NDArray[np.uint8]] | None = None
         self._topology: tuple[int, int, TopologicalMap] | None = None
@@ -86,7 +103,7 @@ class Planner:
         kept = self._fields.get(cells)
         if kept is not None and kept[0] == version:
             return kept[1]
-        found = Field(self.passable, list(cells), self._limit)
+        found = Field(self.passable, cells, self._limit, self._floods)
         self.cuts += found.cut
         self._fields = {key: one for key, one in self._fields.items() if one[0] == version} | {
             cells: (version, found)
@@ -113,8 +130,8 @@ class Planner:
             found = kept[1].distances(goals)
         else:
             targets = goals if end is None else goals[end : end + 1]
-            costs, expanded = flood(self.passable, np.array([start]), self._limit, targets)
-            self.cuts += expanded >= self._limit
+            costs, cut = self._floods.costs(self.passable, start, self._limit, targets)
+            self.cuts += cut
             found = _lengths(costs, goals)
         return found if end is None else np.minimum(found, found[end])
 

@@ -43,6 +43,10 @@ def assign(lengths: NDArray[np.float64]) -> NDArray[np.int64]:
 class Hungarian(Seeker):
     """The least sum of ways."""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        scipy("optimize")  # now: it takes longer than any step
+
     def choose(self, view: View, aims: Sequence[Aim]) -> Aim | None:
         """Its own share; the nearest if no way leads there."""
         aims = sorted(aims, key=lambda one: one.cell)

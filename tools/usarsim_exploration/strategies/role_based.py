@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from usarsim_exploration.environment import Cell
+from usarsim_exploration.errors import scipy
 from usarsim_exploration.exploring import way_to
 from usarsim_exploration.rendezvous import PATIENCE, Meeting, multi_point, single_point
 from usarsim_exploration.strategy import (
@@ -305,6 +306,10 @@ class RoleBasedMultiPoint(RoleBased):
         default=400.0, low=16.0, high=1e6, unit="cells",
         help="free cells for each one that is considered for the relay",
     )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        scipy("stats")  # now: it takes longer than any step
 
     def arrange(self, view: View, relay: Teammate, goal: Cell) -> Meeting:
         """Two places with a link between them."""
