@@ -119,16 +119,21 @@ def test_a_driver_stops_before_what_it_sees() -> None:
 
 
 def test_an_ins_counts_more_than_wheels() -> None:
-    """Held by a wall, wheels go on turning; between two readings of the INS they have to do."""
+    """Held by a wall, wheels go on turning; between two readings of the INS they have to do.
+
+    Its place keeps to the axes of the world, though its heading drifts: the robot's own counts.
+    """
     told = Reckoning()
     assert told.update((1.0, 1.0, 0.0), 1.5) == (0.0, 0.0, 0.0)
     told.update((1.0, 1.0, 0.3), 1.5, (5.0, 5.0, math.pi / 2))  # skids: 0.2 rad
-    held = told.update((2.0, 1.0, 3.0), 1.5, (5.0, 5.0, math.pi / 2))
+    held = told.update((2.0, 1.0, 3.0), 1.5, (5.0, 5.0, math.pi / 2), math.pi / 2)
     assert held == pytest.approx((0.0, 0.0, 0.2))
     turned = told.update((2.0, 1.0, 3.15), 1.5)
     assert turned == pytest.approx((0.0, 0.0, 0.3))
-    driven = told.update((2.0, 1.0, 3.15), 1.5, (5.0, 7.0, math.pi / 2))
+    driven = told.update((2.0, 1.0, 3.15), 1.5, (5.0, 7.0, math.pi / 2), math.pi / 2)
     assert driven == pytest.approx((2 * math.cos(0.2), 2 * math.sin(0.2), 0.2))
+    drifted = told.update((2.0, 1.0, 3.15), 1.5, (6.0, 7.0, math.pi / 2), 0.0)
+    assert drifted == pytest.approx((3 * math.cos(0.2), 3 * math.sin(0.2), 0.2))
 
 
 def test_who_pitches_sees_the_floor(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -247,7 +252,7 @@ def test_a_run_over_the_ports_of_a_server(monkeypatch: pytest.MonkeyPatch) -> No
     assert history.linked_base[7:, 1].all()
     found: dict[str, Any] = measure(history)
     assert found["lost"] == ["R2"]
-    assert 0.0 < found["map_error"] < one.cycle.environment.cell / 2
+    assert 0.0 <= found["map_error"] < one.cycle.environment.cell / 2
     assert found["position_error"] < 0.1 < found["odometry_drift"]
     assert history.distance[-1, 1] > history.distance[8, 1] > 15.0
     assert history.distance[-1, 2] == history.distance[8, 2]
@@ -256,6 +261,25 @@ def test_a_run_over_the_ports_of_a_server(monkeypatch: pytest.MonkeyPatch) -> No
     assert type(one.cycle.bodies[1].strategy) is FrontierStrategy
     assert inspect.getmodule(one.cycle.bodies[1].strategy) is inspect.getmodule(FrontierStrategy)
     assert played()[0] == texts
+
+
+def test_an_office_is_explored() -> None:
+    """E-80: the same strategy code, four P3AT robots, 90 % of 20 m x 15 m within 200 s."""
+    tables: dict[str, Any] = {
+        "backend": "server",
+        "environment": {"name": "lab"},
+        "team": {"robots": 4},
+        "strategy": {"name": "frontier"},
+        "end": {"steps": 100, "base": "off"},
+    }
+    with Run(read(tables)) as one:
+        while 100 * one.recorder.free_team < 90 * one.recorder.reachable:
+            assert one.step(), one.ended
+        level = one.cycle.level
+        assert isinstance(level, ServerLevel)
+        assert level.time < 200.0
+        assert (level.reality(one.cycle)["position_error"] or 1.0) < 0.1
+    assert type(one.cycle.bodies[1].strategy) is FrontierStrategy
 
 
 def test_a_server_that_goes_away(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,6 +22,9 @@ from usarsim_exploration.localisation import (
     rasterise,
     relative,
 )
+from usarsim_exploration.localisation.matching import match
+from usarsim_exploration.localisation.point_map import PointMap
+from usarsim_exploration.localisation.surfaces import surfaces
 from usarsim_exploration.worlds import find
 
 OFFICE: list[Cell] = [(22, 51), (126, 80), (136, 140), (210, 148), (210, 51), (22, 51)]
@@ -170,6 +173,32 @@ def test_found_again() -> None:
         believed = localiser.update((0.0, 0.0, 1.49 * pose[2]), seen, FAN)
     assert believed[:2] == pytest.approx(pose[:2], abs=0.05)
     assert math.remainder(believed[2] - pose[2], 2 * math.pi) == pytest.approx(0.0, abs=0.02)
+
+
+def test_a_post_before_a_wall() -> None:
+    """No line goes from one to the other: such a wall would turn the robot that sees it."""
+    ranges = 1.0 / np.cos(FAN[60:121])
+    ranges[30:32] = 0.6
+    _, normals = surfaces(ranges, FAN[60:121], REACH)
+    known = np.isfinite(normals[:, 0])
+    assert known[:30].all()
+    assert known[32:].all()
+    assert normals[known] == pytest.approx(np.tile([-1.0, 0.0], (known.sum(), 1)), abs=0.01)
+
+
+def test_what_fits_elsewhere() -> None:
+    """A place that odometry rules out is not taken, however well the scan fits there."""
+    across = np.arange(-2.0, 2.0, 0.05)
+    points = np.column_stack([np.full(len(across), 2.0), across])
+    normals = np.tile([-1.0, 0.0], (len(across), 1))
+    walls = PointMap((20.0, 20.0))
+    walls.add(points + 10.0, normals)
+    walls.prepare(np.array([0.0, 0.0]), np.array([20.0, 20.0]))
+    guess = (10.3, 10.0, 0.0)
+    near = match(walls, points, normals, guess, (0.1, 0.05))
+    assert near.pose == pytest.approx((10.0, 10.0, 0.0), abs=0.02)
+    assert near.beams > 70
+    assert match(walls, points, normals, guess, (0.05, 0.05)).pose == guess
 
 
 def test_truth_is_taken_as_it_is() -> None:

@@ -14,6 +14,7 @@ from usarsim_exploration.levels.controller import Controller
 from usarsim_exploration.levels.driver import Driver
 from usarsim_exploration.levels.serving import OwnServer
 from usarsim_exploration.localisation import Disc, Evidence, Localiser, Pose, compose, relative
+from usarsim_exploration.localisation.poses import wrap
 
 if TYPE_CHECKING:
     from usarsim_exploration.cycle import Body
@@ -33,7 +34,9 @@ class Reckoning:
     """Where a robot would be by the motion that it feels alone; the frame keeps still.
 
     Its INS where it tells one, its wheels between two such readings or if there are none: the
-    wheels of a robot that skids, or is held by a wall, turn further than it does.
+    wheels of a robot that skids, or is held by a wall, turn further than it does. The place that
+    an INS tells keeps to the axes of the world, though the heading that it tells drifts; so the
+    way between two readings is turned by the heading that the robot believes in.
     """
 
     def __init__(self) -> None:
@@ -44,12 +47,15 @@ class Reckoning:
         self._pose: Pose = (0.0, 0.0, 0.0)
         self._then: Pose = (0.0, 0.0, 0.0)  # of the wheels, when `_pose` was
 
-    def update(self, wheels: Pose, skid: float, inertial: Pose | None = None) -> Pose:
+    def update(
+        self, wheels: Pose, skid: float, inertial: Pose | None = None, heading: float = 0.0
+    ) -> Pose:
         """Where it is now; ask in the order of time.
 
         Args:
             wheels, inertial: as the sensors tell. skid: how much more its wheels turn it than it
-                turns.
+                turns. heading: of the robot at the reading of the INS before this one, rad, as it
+                believes.
         """
         x, y, turn = relative(self._wheels or wheels, wheels)
         self._wheels = wheels
@@ -58,7 +64,9 @@ class Reckoning:
             if self._inertial is None:
                 self._pose = self._turned
             else:
-                self._pose = compose(self._pose, relative(self._inertial, inertial))
+                x, y, _ = relative((*self._inertial[:2], heading), inertial)
+                turn = wrap(inertial[2] - self._inertial[2])
+                self._pose = compose(self._pose, (x, y, turn))
             self._inertial, self._then = inertial, self._turned
         return compose(self._pose, relative(self._then, self._turned))
 

@@ -304,7 +304,7 @@ class ServerLevel:
         if (wheels := one.odometry(seen=seen)) is None:
             return None
         inertial = one.inertial() if seen and self._physics.inertial else None
-        return rover.reckoning.update(wheels, self._physics.skid, inertial)
+        return rover.reckoning.update(wheels, self._physics.skid, inertial, rover.scanned[2])
 
     def _true(self, one: Controller, *, seen: bool = False) -> Pose | None:
         told = one.truth(seen=seen)

@@ -44,8 +44,9 @@ class Motion(NamedTuple):
 
 WHEELS = Motion((0.005, 0.15, 0.05), (0.003, 0.05, 0.35))
 """Wheels that skid count turns half as long again."""
-INERTIAL = Motion((0.01, 0.05, 0.02), (0.01, 0.02, 0.08))
-"""An INS with the noise of shipped robots, rounded to 1 cm and 0.01 rad."""
+INERTIAL = Motion((0.01, 0.05, 0.02), (0.02, 0.04, 0.16))
+"""An INS with the noise of shipped robots, rounded to 1 cm and 0.01 rad. Headings are trusted half
+as far as that noise would allow: scans of walls tell them better, wherever there are walls."""
 
 
 class Localiser:

@@ -28,6 +28,8 @@ _STILL = 5e-4
 FEWEST = 12
 """Beams on known walls without which odometry alone is right."""
 
+_UNLIKELY = 4.0
+"""Standard deviations of odometry beyond which what fits is another wall: none."""
 _CERTAIN = 0.03
 """Headings that are known better than this are not searched, rad."""
 _APART, _MOST = 0.05, 20
@@ -39,7 +41,8 @@ class Match:
     """Where a scan fits.
 
     Attributes:
-        pose: of the scanner. beams: that lie on known walls. error: mean of their distances, m.
+        pose: of the scanner; the guess where nothing fits. beams: that lie on known walls.
+        error: mean of their distances, m.
     """
 
     pose: Pose
@@ -81,6 +84,9 @@ def match(
         x, y, heading = (old + float(more) for old, more in zip((x, y, heading), step, strict=True))
         if number >= 4 and np.abs(step).max() < _STILL:
             break
+    shift, turned = math.dist((x, y), guess[:2]), abs(wrap(heading - guess[2]))
+    if max(shift / deviation[0], turned / deviation[1]) > _UNLIKELY:
+        return Match(guess, 0, 0.0)
     return Match((x, y, wrap(heading)), beams, error)
 
 

@@ -8,12 +8,13 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 _BESIDE = 4, 2
 """Beams on either side that tell how a surface is turned; fewer where it is too short for more."""
-_THICK = 0.05
+_THICK = 0.03
 """Standard deviation of points from their line, m; what is thicker is no surface."""
 _SURE = 0.1
 """Standard deviation of how a surface is turned, rad; what is less certain is no surface."""
-_APART = 0.5
-"""Neighbours that are farther away than this and a tenth of the range lie on another one, m."""
+_APART = 0.05
+"""Beams side by side that end farther apart than this and a tenth of the range see different
+surfaces, m: lines through both would be walls that nobody has built."""
 
 
 def surfaces(ranges: Floats, angles: Floats, reach: float) -> tuple[Floats, Floats]:
@@ -43,7 +44,13 @@ def _normals(points: Floats, lengths: Floats, beside: int) -> Floats:
     padded = np.pad(points, ((beside, beside), (0, 0)), constant_values=np.nan)
     around = np.lib.stride_tricks.sliding_window_view(padded, 2 * beside + 1, axis=0)
     away = around - points[:, :, None]  # (n, 2, window)
-    near = (away * away).sum(axis=1) < (_APART + 0.1 * lengths[:, None]) ** 2
+    joined = np.hypot(*np.diff(points, axis=0).T) < _APART + 0.1 * lengths[1:]
+    runs = np.concatenate([[0], np.cumsum(~joined)])  # NaN begins a new one
+    runs[np.isnan(lengths)] = -1
+    windows = np.lib.stride_tricks.sliding_window_view(
+        np.pad(runs, beside, constant_values=-1), 2 * beside + 1
+    )
+    near = (windows == runs[:, None]) & (windows >= 0)
     away = np.where(near[:, None], away, 0.0)
     count = np.maximum(near.sum(axis=1), 1)
     x, y = (away - away.sum(axis=2)[:, :, None] / count[:, None, None]).swapaxes(0, 1)
