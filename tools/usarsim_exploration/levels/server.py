@@ -291,8 +291,9 @@ class ServerLevel:
     def _locate(self, rover: Rover) -> None:
         """Where the robot believes to be now, and to have been when it scanned."""
         one, localiser = rover.controller, rover.localiser
-        if one.fresh and (then := self._told(rover, seen=True)) is not None:
-            rover.scanned = localiser.update(then, one.ranges, one.angles, self._grown(rover))
+        if (then := self._told(rover, seen=True)) is not None:
+            scan = (one.ranges, one.angles) if one.fresh else ((), ())
+            rover.scanned = localiser.update(then, *scan, self._grown(rover))
         if (now := self._told(rover)) is not None:
             rover.pose = localiser.update(now)
 
