@@ -74,6 +74,7 @@ class Localiser:
         self.mode, self.pose, self.beams = mode, start, 0
         self._reach, self._mount, self._motion = reach, mount, motion
         self._odometry: Pose | None = None
+        self._seen: Pose | None = None  # by odometry, at the last scan
         self._way = self._turn = 0.0  # since the last match
         self._kept: Pose | None = None
         self._walls = PointMap(size)
@@ -107,14 +108,16 @@ class Localiser:
             self.pose = odometry
             return self.pose
         self.pose = compose(self.pose, motion)
-        self._way += math.hypot(motion[0], motion[1])
-        self._turn += abs(motion[2])
-        if self.mode == "scan-matching":
-            beams, turns = np.asarray(ranges, float), np.asarray(angles, float)
-            if len(beams) and turns[0] > turns[-1]:
+        beams, turns = np.asarray(ranges, float), np.asarray(angles, float)
+        if self.mode == "scan-matching" and len(beams):
+            x, y, turn = relative(self._seen or odometry, odometry)
+            self._seen = odometry
+            self._way += math.hypot(x, y)
+            self._turn += abs(turn)
+            if turns[0] > turns[-1]:
                 beams, turns = beams[::-1], turns[::-1]
             known = self._kept is not None
-            if len(beams) and not (known and self._way < _RELY_WAY and self._turn < _RELY_TURN):
+            if not (known and self._way < _RELY_WAY and self._turn < _RELY_TURN):
                 self._look(beams, turns, robots)
         return self.pose
 
