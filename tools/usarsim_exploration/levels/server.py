@@ -292,8 +292,8 @@ class ServerLevel:
         """Where the robot believes to be now, and to have been when it scanned."""
         one, localiser = rover.controller, rover.localiser
         if (then := self._told(rover, seen=True)) is not None:
-            scan = (one.ranges, one.angles) if one.fresh else ((), ())
-            rover.scanned = localiser.update(then, *scan, self._grown(rover))
+            ranges, angles = (one.ranges, one.angles) if one.fresh else ((), ())
+            rover.scanned = localiser.update(then, ranges, angles, self._grown(rover))
         if (now := self._told(rover)) is not None:
             rover.pose = localiser.update(now)
 
