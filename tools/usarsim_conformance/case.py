@@ -46,6 +46,7 @@ class Run:
     places: Places  # where robots can be put
     slots: asyncio.Semaphore | None = None  # how many checks may be at work; None for any number
     numbers: itertools.count[int] = field(default_factory=lambda: itertools.count(1))
+    lanes: itertools.count[int] = field(default_factory=itertools.count)  # places far away
     tag: str = field(default_factory=lambda: secrets.token_hex(3))
     """Part of every robot's name: ComServer keeps the names of earlier runs for ever."""
     shared: dict[tuple[str, str], asyncio.Task[Any]] = field(default_factory=dict)

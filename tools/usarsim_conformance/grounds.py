@@ -33,16 +33,16 @@ _COUNT = re.compile(r"\{ObstCount ([^{}]*)\}$")
 _FAR = 120.0
 """m from the origin of the world to the nearest open floor; beyond every sensor's range of the
 start poses, and of each other."""
-_LANES = 18
-_APART = 45.0
-"""m between two of them."""
+_LANES = 12
+APART = 90.0
+"""m between two lanes: cars drive for seconds, and scanners of others reach 20 m and more."""
 
 
 def lane(case: Case) -> Place:
     """A place of one's own, far from everybody; whether there is floor, who goes there finds."""
-    row, column = divmod(next(case.run.numbers) % (_LANES * _LANES), _LANES)
+    row, column = divmod(next(case.run.lanes) % (_LANES * _LANES), _LANES)
     high = case.survey.places[0].location[2]
-    return Place(None, (_FAR + _APART * row, _APART * (column - _LANES / 2), high))
+    return Place(None, (_FAR + APART * row, APART * (column - _LANES / 2), high))
 
 
 class _Lots:

@@ -15,7 +15,7 @@ from usarsim_client.pictures import FULL_FRAME, HEADER, Picture, header, rectang
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.lines import Line
-from usarsim_conformance.places import Place
+from usarsim_conformance.places import LEAVES, Place
 from usarsim_conformance.registry import Failed, Inconclusive, NotApplicable
 from usarsim_conformance.wire import Wire
 
@@ -45,6 +45,8 @@ class Frame(Picture):
             raise Failed(str(error)) from None
 
 
+_TILES_TAKEN = 30.0
+"""s of simulated time for which robots of other checks may have all tiles."""
 _MARKED = (9, 7)
 """Pixels of a picture that no check asks for: its answer marks a place in the stream of answers."""
 _MARK = rectangle(0, 0, *_MARKED)
@@ -280,22 +282,30 @@ async def camera_robot(case: Case, class_name: str = "", place: Place | None = N
 
     Raises:
         NotApplicable: if robots have no cameras, or CONF names no tiles.
+        Inconclusive: if no tile becomes free.
     """
-    try:
-        # Tiles are told in this dialect only; a legacy server passes the segment over.
-        segment = case.survey.dialects.get("udk", "")
-        robot = await case.spawn(class_name=class_name, place=place, extra=segment)
-    except Inconclusive:
-        if class_name:
-            raise NotApplicable(f"no {class_name} can be spawned") from None
-        raise
-    conf = await ask_conf(robot)
-    if not conf:
-        raise NotApplicable(f"{robot.class_name} has no camera; name another class with --robot")
-    tiles = tiles_of(conf)
-    if not tiles:
-        raise NotApplicable(f"CONF names no tiles: {conf[:120]}")
-    if not class_name and case.clock.followed and (tiles[0].x, tiles[0].y) == (0, 0):
+    # Tiles are told in this dialect only; a legacy server passes the segment over.
+    segment = case.survey.dialects.get("udk", "")
+    place, latest = place or await case.place(), case.clock.after(_TILES_TAKEN)
+    while True:
+        try:
+            robot = await case.spawn(class_name=class_name, place=place, extra=segment)
+        except Inconclusive:
+            if class_name:
+                raise NotApplicable(f"no {class_name} can be spawned") from None
+            raise
+        conf = await ask_conf(robot)
+        if not conf:
+            raise NotApplicable(
+                f"{robot.class_name} has no camera; name another class with --robot"
+            )
+        tiles = tiles_of(conf)
+        if not tiles:
+            raise NotApplicable(f"CONF names no tiles: {conf[:120]}")
+        if class_name or not case.clock.followed or (tiles[0].x, tiles[0].y) != (0, 0):
+            return CameraRobot(robot, tiles, conf)
         # That is the tile of the robot that tells the time, which has a camera as well.
-        raise Inconclusive("the robot has no tile of its own: they may have run out")
-    return CameraRobot(robot, tiles, conf)
+        if case.clock.now > latest:
+            raise Inconclusive("the robot has no tile of its own: they may have run out")
+        robot.close()
+        await case.clock.sleep(LEAVES)

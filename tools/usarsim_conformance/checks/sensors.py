@@ -10,7 +10,7 @@ from statistics import fmean, median
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Pose
 from usarsim_conformance.excursions import Track, bearer, spawn_far
-from usarsim_conformance.grounds import lane
+from usarsim_conformance.grounds import APART, lane
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
 from usarsim_conformance.ranging import CHANCE, spread_bounds
@@ -196,8 +196,9 @@ async def interval(case: Case) -> None:
 
 _NORTH, _EAST = 111_200.0, 71_670.0
 """m in a degree of latitude and of longitude, whatever the latitude."""
-_AWAY = 200.0
-"""m that the second and the third robot are ahead and to the right of the first."""
+_AWAY = 2.5 * APART
+"""m that the second and the third robot are ahead and to the right of the first: between lanes, out
+of sight of robots there."""
 _WATCHED = 8.0
 """s of simulated time."""
 
