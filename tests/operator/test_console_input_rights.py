@@ -244,6 +244,7 @@ async def test_a_viewer_is_offered_nothing_that_it_may_not_do(stage: Stage) -> N
             await page.wait_for_selector("[data-do=name]:text-is('viewer, 0.5 s late')")
             await page.wait_for_selector("[data-mark]")
             await page.wait_for_selector("[data-alarm]")
+            await page.wait_for_selector("[data-panel=laser] [data-age]:text-matches('\\\\d')")
             seen = "[...document.querySelectorAll('[data-do]')].filter((b) => b.offsetParent)"
             for place in range(await page.evaluate(f"{seen}.length")):
                 await page.evaluate(f"{seen}[{place}]?.click()")
@@ -252,6 +253,7 @@ async def test_a_viewer_is_offered_nothing_that_it_may_not_do(stage: Stage) -> N
             for key in ("w", "m", "l", "o", "k", "Space", "Escape", "Escape"):
                 await page.keyboard.press(key)
             await notice(page, "a viewer only looks")
+            await page.wait_for_function("window.sent.some((one) => one.type === 'ping')")
             sent = await page.evaluate("window.sent")
             assert {one["type"] for one in sent} == looks
             assert await page.locator("[data-stick]:visible").count() == 0
