@@ -110,6 +110,36 @@ def test_a_driver_that_is_held_gives_up() -> None:
     assert 5.0 < driver.stuck < 20.0
 
 
+def test_a_driver_turns_where_it_cannot_turn_on_the_spot() -> None:
+    """Backwards and ahead in turn, always towards where it shall, between two walls."""
+    driver = Driver(1, 0.5, 0.2)
+    driver.follow([(0.0, 0.1 * n) for n in range(20)], 0.0, ends=True)
+    x, headings, ways = 0.0, [0.0], [0.0]
+    for _ in range(200):
+        if headings[-1] > math.pi / 2 - 0.7:
+            break
+        speed, turn = driver.steer((x, 0.0, headings[-1]), np.array([[0.5 - x, 0.0]]), False)
+        if speed and abs(x + 0.2 * speed) < 0.1:
+            x += 0.2 * speed
+            headings.append(headings[-1] + 0.2 * turn)
+            ways.append(speed)
+    assert min(ways) < -0.1
+    assert max(ways) > 0.1
+    assert (np.diff(headings) >= 0.0).all()
+    assert headings[-1] > math.pi / 2 - 0.7
+
+
+def test_a_driver_that_sees_few_walls_turns_slowly() -> None:
+    """Scans have to overlap; what it drives meanwhile is less as well, so the curve is the same."""
+    one, other = Driver(1, 0.5, 0.2), Driver(1, 0.5, 0.2)
+    for driver in (one, other):
+        driver.follow([(1.0, 0.5)], 0.0, ends=True)
+    speed, turn = one.steer((0.0, 0.0, 0.0), np.empty((0, 2)), False)
+    slow, slight = other.steer((0.0, 0.0, 0.0), np.empty((0, 2)), False, vague=True)
+    assert slight < turn - 0.2
+    assert slow / slight == pytest.approx(speed / turn)
+
+
 def test_a_driver_stops_before_what_it_sees() -> None:
     """Something 0.4 m ahead of its middle leaves hardly any speed."""
     driver = Driver(1, 0.5, 0.2)

@@ -201,6 +201,17 @@ def test_what_fits_elsewhere() -> None:
     assert match(walls, points, normals, guess, (0.05, 0.05)).pose == guess
 
 
+def test_a_short_wall_tells_how_it_turned() -> None:
+    """20 beams on 1 m of a wall, 1 m ahead: robots around hide the rest. Motion is 0.06 rad off."""
+    along = np.linspace(-0.5, 0.5, 20)
+    points, normals = np.stack([np.ones(20), along], axis=1), np.tile([-1.0, 0.0], (20, 1))
+    walls = PointMap((20.0, 20.0))
+    walls.add(points + 10.0, normals)
+    walls.prepare(np.full(2, 8.0), np.full(2, 12.0))
+    found = match(walls, points, normals, (10.0, 10.0, 0.06), (0.017, 0.07))
+    assert abs(found.pose[2]) < 0.006
+
+
 def test_truth_is_taken_as_it_is() -> None:
     """And scans need not be told; the same calls give the same poses."""
     localiser = Localiser("truth", (1.0, 2.0, 0.5), (10.0, 10.0), 8.0)

@@ -28,10 +28,12 @@ _SHORT = 0.4
 """m from its end within which a wall ahead ends the route."""
 _AFRESH = 1.0
 """m from where a robot backed off first, beyond which it is no longer at the same obstacle."""
-_TURN = 2.0
-"""rad/s at most."""
-_BACK = 0.2
-"""m/s of a robot that backs off."""
+_TURN, _VAGUE = 2.0, 0.7
+"""rad/s at most, and where few walls tell how far it has turned."""
+_BACK, _ARC = 0.2, 0.4
+"""m/s and rad/s of a robot that backs off."""
+_SPACE = 0.1
+"""m ahead that are worth going ahead for, where going back did not help."""
 _PATIENCE = 2.0
 """s without any progress after which a robot backs off."""
 _TRIES = 3
@@ -55,8 +57,9 @@ class Driver:
         self._facing = 0.0
         self._ends = self._idle = True
         self._past: deque[Pose] = deque(maxlen=max(2, round(_PATIENCE / period)))
-        self._retreat = self._waited = 0.0
+        self._retreat = self._waited = self._beside = 0.0
         self._tries, self._began = 0, (0.0, 0.0)
+        self._ahead = False
         self.arrived = True
         self.blocked = False
         self.stuck = 0.0
@@ -77,20 +80,29 @@ class Driver:
         self._route, self._idle, self._tries = [], True, 0
         self.arrived, self.blocked = True, False
 
-    def steer(self, pose: Pose, points: Floats, crowd: bool) -> tuple[float, float]:
+    def steer(
+        self, pose: Pose, points: Floats, crowd: bool, *, vague: bool = False
+    ) -> tuple[float, float]:
         """What to do until the next call.
 
         Args:
             pose: now. points: (n, 2) what the laser sees, m ahead of the robot and to its right.
             crowd: another robot is near, so who waits is not stuck at once.
+            vague: few walls tell where it is, so that scans have to overlap.
 
         Returns:
             m/s ahead, and rad/s to the right.
         """
+        speed, turn = self._steer(pose, points, crowd)
+        slower = _VAGUE / abs(turn) if vague and abs(turn) > _VAGUE else 1.0
+        return slower * speed, slower * turn
+
+    def _steer(self, pose: Pose, points: Floats, crowd: bool) -> tuple[float, float]:
         if self._retreat > 0.0:
             self._retreat -= self._period
             self._past.clear()
-            return -_BACK, 0.4 if self._tries % 2 else -0.4
+            speed = min(_BACK, _room(points)) if self._ahead else -_BACK
+            return speed, math.copysign(_ARC, self._beside)
         speed, turn = self._pursue(pose, points)
         if self._idle or self.arrived:
             self._past.clear()
@@ -103,15 +115,17 @@ class Driver:
             self.stuck += self._period
             waited = len(self._past) == self._past.maxlen
             if waited and (not crowd or self.stuck % (2.0 * (1 + 1 / self._number)) < self._period):
-                self._back_off(pose)
+                self._back_off(pose, _room(points))
         if self._tries and math.dist(self._began, pose[:2]) > _AFRESH:
             self._tries = 0
         return speed, turn
 
-    def _back_off(self, pose: Pose) -> None:
+    def _back_off(self, pose: Pose, room: float) -> None:
+        """Back, and at each second try ahead, if there is room: as cars turn in narrow places."""
         if not self._tries:
             self._began = pose[:2]
         self._tries += 1
+        self._ahead = self._tries % 2 == 0 and room > _SPACE
         self.recoveries += 1
         self._retreat = 1.2 + 0.4 * (self._tries - 1)
         self.blocked = self.blocked or self._tries > _TRIES
@@ -136,7 +150,7 @@ class Driver:
             self._waited += self._period
             self.blocked = self.blocked or self._waited > _PATIENCE
             return 0.0, 0.0
-        beside = wrap(self._facing - pose[2])
+        beside = self._beside = wrap(self._facing - pose[2])
         if abs(beside) > _FACING:
             return 0.0, float(np.clip(2.0 * beside, -_TURN, _TURN))
         self.arrived = True
@@ -145,7 +159,7 @@ class Driver:
     def _towards(
         self, pose: Pose, direction: float, left: float, points: Floats
     ) -> tuple[float, float]:
-        beside = wrap(direction - pose[2])
+        beside = self._beside = wrap(direction - pose[2])
         turn = float(np.clip(2.2 * beside, -_TURN, _TURN))
         if abs(beside) > _SHARP:
             return 0.0, turn

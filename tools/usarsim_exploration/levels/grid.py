@@ -75,24 +75,24 @@ class GridLevel:
 
     def _drive(self, cycle: Cycle, body: Body) -> None:
         view, environment = body.view, cycle.environment
-        driven, headings, budget = [], list[float](), view.speed + body.saved
-        blocked, felt = None, list[Cell]()
-        while view.path:
-            column, row = view.path[0]
-            right, down = column - view.cell[0], row - view.cell[1]
+        driven, headings, budget = list[Cell](), list[float](), view.speed + body.saved
+        blocked, felt, here = None, list[Cell](), view.cell
+        for there in view.path:
+            right, down = there[0] - here[0], there[1] - here[1]
             price = math.hypot(right, down)
             if price > budget + 1e-9:
                 break
-            if not environment.may_move(view.cell, (column, row)):
-                blocked = (column, row)
-                felt = _felt(environment, view.cell, blocked)
+            if not environment.may_move(here, there):
+                blocked, felt = there, _felt(environment, here, there)
                 break
             budget -= price
-            view.path.pop(0)
-            view.cell, view.heading = (column, row), math.atan2(down, right)
             body.distance += price
-            driven.append(view.cell)
-            headings.append(view.heading)
+            here = there
+            driven.append(here)
+            headings.append(math.atan2(down, right))
+        if driven:
+            view.cell, view.heading = here, headings[-1]
+            del view.path[: len(driven)]
         # who is slower than a diagonal saves for it; else nobody drives more than the speed
         body.saved = budget if view.path and not driven and blocked is None else 0.0
         view.blocked = blocked is not None
