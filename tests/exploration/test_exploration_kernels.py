@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from usarsim_exploration import sensing
 from usarsim_exploration.environment import Environment
 from usarsim_exploration.kernels import plain, plain_looking, plain_trading
-from usarsim_exploration.kernels.steps import DIAGONAL, EVERYWHERE, FAR, RELAYED, STRAIGHT
+from usarsim_exploration.kernels.steps import DIAGONAL, EVERYWHERE, FAR, STRAIGHT
 from usarsim_exploration.known_map import MERGED
 from usarsim_exploration.sensing import Scanner
 
@@ -168,14 +168,15 @@ def test_trades_agree(seed: int, size: int, count: int) -> None:
     cells, others = np.unique(named).astype(np.int64), np.flatnonzero(random.random(size) < 0.3)
     bits, told = random.choice([0, 1, 3, 4, 6, 9, 17, 38], (2, size)).astype(np.uint8)
     new = random.choice([0, 1, 3, 4, 22], len(cells)).astype(np.uint8)
+    parts = np.array([(2, 1, len(cells)), (1, 2, len(cells) + len(others))])
+    team = np.array([0, 2] if size % 3 else [1, 2, 0])
     arrives = random.random(random.integers(1, 9)) < 0.7
     results = []
     for form in (compiled_trading, plain_trading):
-        own, lines, fresh = bits.copy(), told.copy(), np.zeros(size, np.bool_)
-        shared, relayed = new.copy(), new & RELAYED
-        found: list[object] = [form.once(size, named), form.tell(bits, cells, fresh), fresh]
-        form.fold(shared, relayed, bits, cells, MERGED)
-        found += [shared, relayed, *form.agree(own, cells, shared, relayed)]
+        own, lines, maps = bits.copy(), told.copy(), np.stack([told, bits, told[::-1]])
+        found: list[object] = [form.once(size, named)]
+        found += form.tell(maps, parts, np.concatenate([cells, others]).astype(np.int32))
+        found += [*form.agree(maps, team, cells, MERGED, bool(seed % 2)), maps]
         found += [*form.settle(own, cells, new), own]
         news = form.waiting_news(bits, told, cells, others)
         runs = len(news[2])

@@ -205,8 +205,9 @@ def set_up(
     thinking, losing, noise = seeds[: len(team)], seeds[len(team)], seeds[len(team) + 1 :]
     scanners: dict[tuple[int, float], Scanner] = {}
     bodies, floods = [], Floods()
+    maps = np.zeros((len(team), *environment.shape), np.uint8)
     for number, member in enumerate(team):
-        known = KnownMap(environment.shape)
+        known = KnownMap(environment.shape, maps[number])
         estimate = RadioEstimate(radio, known, member.radio_range, environment.cell)
         view = View(
             number, member.name, member.role, member.parent, member.child, member.speed,
@@ -229,5 +230,5 @@ def set_up(
         bodies.append(Body(member, view, mind, scanner, random, works=not off, asleep=off))
     lost = np.random.Generator(np.random.PCG64(losing))
     level = level or GridLevel()
-    messages = Exchange(radio, len(team), lost, level.carry)
+    messages = Exchange(radio, maps, lost, level.carry)
     return Cycle(environment, bodies, radio, messages, links_before, level)

@@ -7,15 +7,15 @@ reference 6.4). Links with a bandwidth, latency or loss are those of `post`.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Environment
-from usarsim_exploration.kernels import fold, tell
-from usarsim_exploration.known_map import AT_BASE, KNOWN, MERGED, RELAYED
+from usarsim_exploration.kernels import agree, tell
+from usarsim_exploration.known_map import MERGED
 from usarsim_exploration.messages import ENTRY, HEAD, RUN
 from usarsim_exploration.post import Carry, Post
 from usarsim_exploration.radio import Links, Radio
@@ -34,14 +34,20 @@ class Exchange:
     """
 
     def __init__(
-        self, radio: Radio, count: int, random: np.random.Generator, carry: Carry | None = None
+        self,
+        radio: Radio,
+        maps: NDArray[np.uint8],
+        random: np.random.Generator,
+        carry: Carry | None = None,
     ) -> None:
-        """count: robots, the base among them. random: of frames that get lost.
+        """maps: (robots, rows, columns) of all, the base first. random: of frames that get lost.
 
         carry: brings messages over real links, hop by hop; None: everybody knows at once what
         anybody of a chain knows.
         """
         self._radio = radio
+        count = len(maps)
+        self._maps = maps.reshape(count, -1)
         self._synced = np.full((count, count), -1, np.int64)
         self._post = None
         if radio.shaped or carry is not None:
@@ -87,31 +93,30 @@ class Exchange:
 
     def _trade_maps(self, step: int, group: list[Body]) -> None:
         """Fold the cells that are news to anybody, in the order of numbers (reference 6.4)."""
-        maps = [body.view.known for body in group]
         numbers = [body.view.number for body in group]
-        fresh = np.zeros(maps[0].bits.size, np.bool_)  # to somebody
-        synced = self._synced[np.ix_(numbers, numbers)].T.tolist()
-        for index, known in enumerate(maps):
+        pairs = np.ix_(numbers, numbers)
+        synced = self._synced[pairs].T.tolist()
+        told: list[NDArray[np.int32]] = []
+        parts, end = list[tuple[int, int, int]](), 0
+        for index, body in enumerate(group):
             since_of_takers = synced[index]
             del since_of_takers[index]
-            for since, takers in Counter(since_of_takers).items():
-                cells = known.changed_since(since)
-                runs = tell(known.bits.reshape(-1), cells, fresh)
+            for since in set(since_of_takers):
+                takers, cells = since_of_takers.count(since), body.view.known.changed_since(since)
+                told.append(cells)
+                end += len(cells)
+                parts.append((numbers[index], takers, end))
                 self.cells_sent += takers * len(cells)
-                self.bytes_sent += takers * RUN * runs
-        self._synced[np.ix_(numbers, numbers)] = step
-        cells = np.flatnonzero(fresh)
-        if not len(cells):
+        self._synced[pairs] = step
+        fresh, runs = tell(self._maps, np.array(parts), np.concatenate(told))
+        self.bytes_sent += RUN * runs
+        if not len(fresh):
             return
-        shared = maps[0].news(cells)
-        relayed = shared & np.uint8(RELAYED)
-        for known in maps[1:]:
-            fold(shared, relayed, known.bits.reshape(-1), cells, MERGED)
-        shared &= ~np.uint8(RELAYED)
-        if BASE in numbers:
-            shared[shared & KNOWN != 0] |= AT_BASE
-        for known in maps:
-            known.agree(step, cells, shared, relayed)
+        changed, ends, more = agree(self._maps, np.array(numbers), fresh, MERGED, BASE in numbers)
+        begin = 0
+        for body, stop, counts in zip(group, ends.tolist(), more.tolist(), strict=True):
+            body.view.known.note(step, changed[begin:stop], counts)
+            begin = stop
 
     def _trade_news(self, step: int, group: list[Body], letters: Mapping[int, Letter]) -> None:
         """Where everybody is and what they do; of absent ones what was heard last."""

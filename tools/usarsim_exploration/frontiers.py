@@ -57,26 +57,36 @@ def find_frontiers(
     beside = np.asarray(near, np.uint8).view(np.bool_)
     mask = free & (beside | (bits & SAFE == 0)) if uncertain else free & beside
     outlines, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    found = []
+    kept, sizes = [], []
     for traced in outlines:
         length = len(traced) if len(traced) > 1 else 0  # each edge leads to a neighbour
         size = float(cv2.contourArea(traced) + length)
-        if size < smallest:
-            continue
-        outline = traced[:, 0, :].astype(np.int64)
-        touching = beside[outline[:, 1], outline[:, 0]]
-        if touching.any():
-            found.append(Frontier(_centre(traced, outline), size, outline, outline[touching]))
+        if size >= smallest:
+            kept.append(traced)
+            sizes.append(size)
+    if not kept:
+        return []
+    cells = np.concatenate(kept)[:, 0, :].astype(np.int64)  # of all at once: there may be many
+    across, down = cells.T.astype(np.float64)
+    touching, found, begin = beside[cells[:, 1], cells[:, 0]], [], 0
+    for traced, size in zip(kept, sizes, strict=True):
+        end = begin + len(traced)
+        part, begin = slice(begin, end), end
+        openings = cells[part][touching[part]]
+        if len(openings):
+            column, row = cells[part][_central(traced, across[part], down[part])].tolist()
+            found.append(Frontier((column, row), size, cells[part], openings))
     return sorted(found, key=lambda one: (-one.size, one.centre[1], one.centre[0]))
 
 
-def _centre(traced: NDArray[np.int32], outline: NDArray[np.int64]) -> Cell:
-    """The cell of an outline that is nearest to its centroid; the first of equally near ones."""
+def _central(
+    traced: NDArray[np.int32], across: NDArray[np.float64], down: NDArray[np.float64]
+) -> int:
+    """Which cell of an outline is nearest to its centroid; the first of equally near ones."""
     moments = cv2.moments(traced)
     if moments["m00"] > 0.0:
         x, y = moments["m10"] / moments["m00"], moments["m01"] / moments["m00"]
     else:
-        x, y = outline.mean(axis=0)
-    away = (outline[:, 0] - x) ** 2 + (outline[:, 1] - y) ** 2
-    column, row = outline[int(away.argmin())]
-    return int(column), int(row)
+        x, y = across.sum() / len(across), down.sum() / len(down)
+    right, below = across - x, down - y
+    return int((right * right + below * below).argmin())

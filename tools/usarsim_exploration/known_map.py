@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell
-from usarsim_exploration.kernels import agree, once, settle, take_in
+from usarsim_exploration.kernels import once, settle, take_in
 from usarsim_exploration.kernels.steps import AT_BASE, FELT, FREE, KNOWN, RELAYED, SAFE, WALL
 from usarsim_exploration.sensing import Scanner, Scans
 
@@ -67,9 +67,9 @@ class KnownMap:
         version: grows with each change.
     """
 
-    def __init__(self, shape: tuple[int, int]) -> None:
-        """Nothing is known."""
-        self.bits: NDArray[np.uint8] = np.zeros(shape, np.uint8)
+    def __init__(self, shape: tuple[int, int], bits: Bits | None = None) -> None:
+        """Nothing is known. bits: zeros of that shape to write to, such as a part of a team's."""
+        self.bits: Bits = np.zeros(shape, np.uint8) if bits is None else bits
         self.free = self.at_base = self.relayed = self.version = 0
         self._flat = self.bits.reshape(-1)
         self._journal: list[tuple[int, NDArray[np.int32]]] = []
@@ -95,7 +95,7 @@ class KnownMap:
             Cells that were unknown before.
         """
         changed, found, more = scanner.look(self.bits, cells, headings, driven)
-        self._note(step, changed, more)
+        self.note(step, changed, more.tolist())
         return found
 
     def take_in(self, step: int, scans: Scans, driven: bool) -> NDArray[np.int32]:
@@ -104,24 +104,27 @@ class KnownMap:
             self.bits, scans.cells, scans.ends, scans.free_ends, scans.near_ends, scans.hits,
             scans.directions, driven,
         )  # fmt: skip
-        self._note(step, changed, more)
+        self.note(step, changed, more.tolist())
         return found
 
     def bump(self, step: int, cell: Cell) -> None:
         """Something is where free space was thought to be: a certain wall."""
         index = np.array([cell[1] * self.bits.shape[1] + cell[0]])
         _, _, more = settle(self._flat, index, np.array([WALL | SAFE | FELT], np.uint8))
-        self._note(step, index.astype(np.int32), more)  # a change even if it was known
+        self.note(step, index.astype(np.int32), more.tolist())  # a change even if it was known
 
     # -- what it hears ------------------------------------------------------------------------
 
-    def changed_since(self, step: int) -> Cells:
+    def changed_since(self, step: int) -> NDArray[np.int32]:
         """Cells that changed after a step, sorted, each once."""
-        first = bisect.bisect_right(self._journal, step, key=itemgetter(0))
-        groups = [cells for _, cells in self._journal[first:]]
-        if len(groups) == 1:
-            return groups[0].astype(np.int64)
-        return once(self.bits.size, np.concatenate(groups or [_NONE]))
+        journal = self._journal
+        if not journal or journal[-1][0] <= step:
+            return _NONE
+        if len(journal) == 1 or journal[-2][0] <= step:  # as a rule
+            return journal[-1][1]
+        first = bisect.bisect_right(journal, step, key=itemgetter(0))
+        groups = [cells for _, cells in journal[first:]]
+        return once(self.bits.size, np.concatenate(groups)).astype(np.int32)
 
     def news(self, cells: Cells) -> Bits:
         """Bits of cells, as a message carries them."""
@@ -135,11 +138,6 @@ class KnownMap:
         """
         return self.write(step, cells, MERGED[self._flat[cells], bits])
 
-    def agree(self, step: int, cells: Cells, shared: Bits, relayed: Bits) -> None:
-        """Take over bits of cells that were agreed upon with others; see `kernels.trading`."""
-        changed, _, more = agree(self._flat, cells, shared, relayed)
-        self._note(step, changed, more)
-
     def write(self, step: int, cells: Cells, bits: Bits) -> NDArray[np.int32]:
         """Set cells, each named once.
 
@@ -147,7 +145,7 @@ class KnownMap:
             Those that were unknown before.
         """
         changed, found, more = settle(self._flat, cells, bits)
-        self._note(step, changed, more)
+        self.note(step, changed, more.tolist())
         return found
 
     def mark(self, step: int, cells: Cells, bit: int) -> None:
@@ -158,16 +156,16 @@ class KnownMap:
         """Take a mark back: this robot carries the cells again itself."""
         self.write(step, cells, self._flat[cells] & ~np.uint8(bit))
 
-    def _note(self, step: int, cells: NDArray[np.int32], more: NDArray[np.int64]) -> None:
-        """Count what changed, and write the journal; shortened when a map longer than then.
+    def note(self, step: int, cells: NDArray[np.int32], more: Sequence[int]) -> None:
+        """Count what was changed, and write the journal; shortened when a map longer than then.
 
         Args:
-            cells: sorted. more: free ones, those at base, relayed ones.
+            cells: sorted. more: how many more are free, at base, relayed.
         """
         if not len(cells):
             return
         self.version += 1
-        free, at_base, relayed = more.tolist()
+        free, at_base, relayed = more
         self.free, self.at_base = self.free + free, self.at_base + at_base
         self.relayed += relayed
         self._journal.append((step, cells))
@@ -180,13 +178,16 @@ class KnownMap:
         steps = list(dict.fromkeys(step for step, _ in self._journal))
         ranks = {step: rank for rank, step in enumerate(steps, 1)}
         last = np.zeros(self.bits.size, np.min_scalar_type(len(steps)))  # small ones sort faster
-        for step, group in self._journal:
-            last[group] = ranks[step]
+        when = np.array([ranks[step] for step, _ in self._journal], last.dtype)
+        sizes = [len(group) for _, group in self._journal]
+        # of a cell that is named again the last one counts
+        last[np.concatenate([group for _, group in self._journal])] = np.repeat(when, sizes)
         cells = np.flatnonzero(last)
-        counts = np.bincount(last[cells], minlength=len(steps) + 1)[1:]
-        order = np.argsort(last[cells], kind="stable")
-        groups: list[NDArray[np.int32]] = np.split(
-            cells[order].astype(np.int32), np.cumsum(counts)[:-1]
-        )
-        self._journal = [pair for pair in zip(steps, groups, strict=True) if len(pair[1])]
+        ends = np.cumsum(np.bincount(last[cells], minlength=len(steps) + 1)).tolist()
+        ordered = cells[np.argsort(last[cells], kind="stable")].astype(np.int32)
+        self._journal = [
+            (step, ordered[begin:end])
+            for step, begin, end in zip(steps, ends[:-1], ends[1:], strict=True)
+            if begin < end
+        ]
         self._entries = self._kept = len(cells)

@@ -158,9 +158,8 @@ class Post:
         self, step: int, line: _Line, known: KnownMap, room: int, loss: float
     ) -> tuple[Cells, NDArray[np.uint8], int]:
         """Cells and bits that get through, and bytes of all that were sent."""
-        cells, bits, starts = waiting_news(
-            known.bits.reshape(-1), line.told, line.waiting, known.changed_since(line.since)
-        )
+        changed = known.changed_since(line.since).astype(np.int64)
+        cells, bits, starts = waiting_news(known.bits.reshape(-1), line.told, line.waiting, changed)
         line.since = step - 1  # what is heard later in this step counts as well
         line.waiting = cells
         if not len(cells) or room < RUN:

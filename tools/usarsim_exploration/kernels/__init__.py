@@ -14,7 +14,6 @@ try:
     from usarsim_exploration.kernels.looking import count_first, look, take_in
     from usarsim_exploration.kernels.trading import (
         agree,
-        fold,
         once,
         send,
         settle,
@@ -28,7 +27,6 @@ except ImportError:
     from usarsim_exploration.kernels.plain_looking import count_first, look, take_in
     from usarsim_exploration.kernels.plain_trading import (
         agree,
-        fold,
         once,
         send,
         settle,
@@ -39,6 +37,6 @@ except ImportError:
     COMPILED = False
 
 __all__ = [
-    "COMPILED", "agree", "count_first", "crossings", "expected", "flood", "fold", "look", "march",
+    "COMPILED", "agree", "count_first", "crossings", "expected", "flood", "look", "march",
     "once", "outlined", "send", "settle", "take_in", "tell", "waiting_news",
 ]  # fmt: skip

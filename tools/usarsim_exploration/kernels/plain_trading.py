@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.kernels.plain import Ints, recount
-from usarsim_exploration.kernels.steps import KNOWN, RELAYED
+from usarsim_exploration.kernels.steps import AT_BASE, KNOWN, RELAYED
 
 Bits = NDArray[np.uint8]
 
@@ -18,26 +18,31 @@ def once(size: int, cells: NDArray[np.int32]) -> Ints:
     return np.flatnonzero(flags)
 
 
-def tell(bits: Bits, cells: Ints, fresh: NDArray[np.bool_]) -> int:
+def tell(maps: Bits, parts: Ints, cells: NDArray[np.int32]) -> tuple[Ints, int]:
     """See `trading.tell`."""
-    fresh[cells] = True
-    return len(_run_starts(cells, bits[cells]))
-
-
-def fold(shared: Bits, relayed: Bits, bits: Bits, cells: Ints, merged: Bits) -> None:
-    """See `trading.fold`."""
-    one = bits[cells]
-    shared[:] = merged[shared, one]
-    relayed |= one & RELAYED
+    runs = begin = 0
+    for owner, takers, end in parts.tolist():
+        told = cells[begin:end]
+        runs += takers * len(_run_starts(told, maps[owner, told]))
+        begin = end
+    return once(maps.shape[1], cells), runs
 
 
 def agree(
-    bits: Bits, cells: Ints, shared: Bits, relayed: Bits
-) -> tuple[NDArray[np.int32], NDArray[np.int32], Ints]:
+    maps: Bits, numbers: Ints, cells: Ints, merged: Bits, at_base: bool
+) -> tuple[NDArray[np.int32], Ints, Ints]:
     """See `trading.agree`."""
-    own = bits[cells]
-    mark = np.where(own & KNOWN != 0, own & RELAYED, relayed).astype(np.uint8)
-    return settle(bits, cells, shared | mark)
+    known = maps[numbers[:, None], cells]
+    shared, relayed = known[0], np.bitwise_or.reduce(known) & RELAYED
+    for one in known[1:]:
+        shared = merged[shared, one]
+    shared = shared & ~np.uint8(RELAYED)
+    if at_base:
+        shared[shared & KNOWN != 0] |= AT_BASE
+    new = shared | np.where(known & KNOWN != 0, known & RELAYED, relayed).astype(np.uint8)
+    found = [settle(maps[number], cells, one) for number, one in zip(numbers, new, strict=True)]
+    changed, _, more = zip(*found, strict=True)
+    return np.concatenate(changed), np.cumsum([len(one) for one in changed]), np.stack(more)
 
 
 def settle(bits: Bits, cells: Ints, new: Bits) -> tuple[NDArray[np.int32], NDArray[np.int32], Ints]:
@@ -71,7 +76,7 @@ def send(
     return cells[gone], values[gone], cells[~gone]
 
 
-def _run_starts(cells: Ints, values: Bits) -> Ints:
+def _run_starts(cells: Ints | NDArray[np.int32], values: Bits) -> Ints:
     """Where runs of equal cells that follow each other begin."""
     begins = np.ones(len(cells), np.bool_)
     begins[1:] = (np.diff(cells) != 1) | (values[1:] != values[:-1])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.kernels.compiled import Ints, compiled
 from usarsim_exploration.kernels.looking import Bits, count_cell
-from usarsim_exploration.kernels.steps import KNOWN, RELAYED
+from usarsim_exploration.kernels.steps import AT_BASE, KNOWN, RELAYED
 
 
 @compiled
@@ -34,45 +34,77 @@ def once(size: int, cells: NDArray[np.int32]) -> Ints:
 
 
 @compiled
-def tell(bits: Bits, cells: Ints, fresh: NDArray[np.bool_]) -> int:
-    """Note cells that are news to somebody; and count the runs of equal cells that they make.
+def tell(maps: Bits, parts: Ints, cells: NDArray[np.int32]) -> tuple[Ints, int]:
+    """What robots tell each other: cells that are news to anybody, and how much all hear of them.
 
     Args:
-        bits: of a map, flat. cells: sorted. fresh: flat, is set at the cells.
+        maps: (robots, cells) of each.
+        parts: (n, 3) who tells, how many hear it, and where in `cells` that ends.
+        cells: that each part names, sorted within it.
+
+    Returns:
+        The cells, sorted, each once; and how many runs of equal ones are heard.
     """
-    runs, last = 0, -2
-    for cell in cells:
-        runs += cell != last + 1 or bits[cell] != bits[last]
-        fresh[cell], last = True, cell
-    return runs
-
-
-@compiled
-def fold(shared: Bits, relayed: Bits, bits: Bits, cells: Ints, merged: Bits) -> None:
-    """Add a map to what a group agrees upon.
-
-    Args:
-        shared: of each of the cells, what those before agreed upon; changed.
-        relayed: whether any of them takes it for relayed; changed. bits: of the map, flat.
-        merged: (old, told) the rule for two.
-    """
-    for index in range(len(cells)):
-        one = bits[cells[index]]
-        shared[index] = merged[shared[index], one]
-        relayed[index] |= one & RELAYED
+    runs = begin = 0
+    for part in range(len(parts)):
+        owner, takers, end = parts[part]
+        bits, last, own = maps[owner], -2, 0
+        for index in range(begin, end):
+            cell = cells[index]
+            own += cell != last + 1 or bits[cell] != bits[last]
+            last = cell
+        runs += takers * own
+        begin = end
+    return once(maps.shape[1], cells), runs
 
 
 @compiled
 def agree(
-    bits: Bits, cells: Ints, shared: Bits, relayed: Bits
-) -> tuple[NDArray[np.int32], NDArray[np.int32], Ints]:
-    """`settle` cells as a group agreed; who knew one already keeps its own mark of relayed."""
-    new = np.empty(len(cells), np.uint8)
+    maps: Bits, numbers: Ints, cells: Ints, merged: Bits, at_base: bool
+) -> tuple[NDArray[np.int32], Ints, Ints]:
+    """Let a group know the same of some cells: what they know, folded in the order of numbers.
+
+    Who knew a cell keeps its own mark of relayed; who did not gets it if anybody had it.
+
+    Args:
+        maps: (robots, cells) of each; changed. numbers: of the group. cells: sorted.
+        merged: (old, told) the rule for two. at_base: the base is of the group.
+
+    Returns:
+        Cells that changed, of one robot after the other; where those of each end; and (robots, 3)
+        how many more of its cells are free, at base, relayed.
+    """
+    shared = np.empty(len(cells), np.uint8)
+    relayed = np.empty(len(cells), np.uint8)
     for index in range(len(cells)):
-        own = bits[cells[index]]
-        mark = own & RELAYED if own & KNOWN else relayed[index]
-        new[index] = shared[index] | mark
-    return settle(bits, cells, new)
+        one = maps[numbers[0], cells[index]]
+        shared[index], relayed[index] = one, one & RELAYED
+    for other in range(1, len(numbers)):
+        bits = maps[numbers[other]]
+        for index in range(len(cells)):
+            one = bits[cells[index]]
+            shared[index] = merged[shared[index], one]
+            relayed[index] |= one & RELAYED
+    for index in range(len(cells)):
+        shared[index] &= ~RELAYED
+        if at_base and shared[index] & KNOWN:
+            shared[index] |= AT_BASE
+    changed = np.empty(len(numbers) * len(cells), np.int32)
+    ends, more = np.empty(len(numbers), np.int64), np.zeros((len(numbers), 3), np.int64)
+    total = 0
+    for robot in range(len(numbers)):
+        bits = maps[numbers[robot]]
+        for index in range(len(cells)):
+            cell = cells[index]
+            old = bits[cell]
+            new = shared[index] | (old & RELAYED if old & KNOWN else relayed[index])
+            if new != old:
+                bits[cell] = new
+                changed[total] = cell
+                total += 1
+                count_cell(more[robot], old, bits[cell])
+        ends[robot] = total
+    return changed[:total].copy(), ends, more
 
 
 @compiled

@@ -26,7 +26,7 @@ class Links:
 
     def __post_init__(self) -> None:
         closed = self.direct.copy()
-        np.fill_diagonal(closed, True)
+        closed.flat[:: len(closed) + 1] = True
         while True:
             further = closed @ closed
             if (further == closed).all():

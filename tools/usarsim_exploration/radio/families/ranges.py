@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from usarsim_exploration.radio.models import Ranged, register
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_exploration.radio.models import Floats, Ranged, register
 
 
 @register("circle")
@@ -15,6 +18,12 @@ class Circle(Ranged):
     def hears(self, distance: float, reach: float, walls: int, cell: float) -> bool:
         """Whether the distance is below the range."""
         return distance < reach
+
+    def linked(
+        self, away: Floats, reach: Floats, walls: NDArray[np.int64], cell: float
+    ) -> NDArray[np.bool_]:
+        """`hears` of many pairs."""
+        return np.asarray(away < reach)
 
 
 @register("sight")
