@@ -150,7 +150,7 @@ class PushesHalf(Link):
     """Who stays silent gets a frame that breaks off."""
 
     def begin(self) -> None:
-        self.say(b"\x03\x00\x00\x10\x00half", after=0.3)
+        self.say(b"\x03\x00\x00\x10\x00half", after=0.05)
 
 
 # Pictures.
