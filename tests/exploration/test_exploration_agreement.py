@@ -50,7 +50,9 @@ def level(
 
 def told(folder: Path, grid: dict[str, Any], real: dict[str, Any]) -> Agreement | None:
     """What two batches say."""
-    return agree(compare(read([write(folder / "a", grid), write(folder / "b", real)])))
+    levels = agree(compare(read([write(folder / "a", grid), write(folder / "b", real)])))
+    assert len(levels) < 2
+    return levels[0] if levels else None
 
 
 def test_levels_that_agree(tmp_path: Path) -> None:
@@ -100,9 +102,8 @@ def test_a_report_of_both_levels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert html.count('aria-label="Coverage by distance on the grid and with physics') == 2
     assert html.count("of strategies on the grid and with physics") == 1
     found, page = compare(read(folders)), Page("")
-    levels = agree(found)
-    assert levels is not None
-    agreement_page.write(page, levels, Look(found.strategies))
+    (both,) = agree(found)
+    agreement_page.write(page, both, Look(found.strategies))
     drawn = re.findall(r"<svg.*?</svg>", page.html(), re.DOTALL)
     assert len(drawn) == 3
     assert all(one in html for one in drawn)
@@ -110,7 +111,7 @@ def test_a_report_of_both_levels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 def test_one_level_alone(tmp_path: Path) -> None:
     """Nothing is said of levels; nor of distances that are not told, nor of the order of two."""
-    assert agree(compare(read([write(tmp_path / "a", level("grid"))]))) is None
+    assert agree(compare(read([write(tmp_path / "a", level("grid"))]))) == []
     bare = level("server", names=NAMES[:2])
     for one in bare["runs"]:
         del one["curves"]["distance"]
@@ -119,6 +120,23 @@ def test_one_level_alone(tmp_path: Path) -> None:
     assert not found.pairs[0].coverage
     assert found.pairs[0].orders["team_t90"].tau is None
     assert found.over_all == {}
+
+
+def test_discs_stand_beside_the_grid(tmp_path: Path) -> None:
+    """E-81, EXP-15: physics is compared with both levels of cells, each in a part of its own."""
+    folders = [
+        write(tmp_path / name, level(name, slower))
+        for name, slower in (("grid", 1.0), ("discs", 1.3), ("server", 1.3))
+    ]
+    grid, discs = agree(compare(read(folders)))
+    assert (grid.cells, discs.cells) == ("grid", "discs")
+    for found, ratio in ((grid, 1.3), (discs, 1.0)):
+        one, other = found.pairs[0].orders["team_t90"].times["frontier"]
+        assert other == pytest.approx(ratio * one, rel=0.01)
+    page = Page("")
+    agreement_page.write(page, discs, Look(NAMES))
+    assert "Discs and physics" in page.html()
+    assert "steps with physics by steps with discs" in page.html()
 
 
 def test_distances_of_single_runs_and_of_batches(tmp_path: Path) -> None:

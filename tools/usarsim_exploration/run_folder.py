@@ -54,7 +54,7 @@ def facts(result: Result) -> dict[str, object]:
         "events": [{"step": step, "event": what} for step, what in result.events],
         "measures": measure(result.history),
     }
-    if scenario.basics.backend != "grid":
+    if scenario.basics.backend == "server":
         found["localisation"] = scenario.physics.localisation
     if result.error:
         found["error"] = result.error

@@ -13,6 +13,7 @@ from usarsim_exploration.cycle import Cycle, set_up
 from usarsim_exploration.ending import Reason
 from usarsim_exploration.events import Fate, late
 from usarsim_exploration.history import History, Recorder
+from usarsim_exploration.levels.discs import DiscLevel
 from usarsim_exploration.levels.grid import GridLevel, Level
 from usarsim_exploration.scenario import Scenario
 
@@ -103,6 +104,8 @@ class Run:
     def _new_level(self) -> Level:
         if self.scenario.basics.backend == "grid":
             return GridLevel()
+        if self.scenario.basics.backend == "discs":
+            return DiscLevel(self.scenario.discs)
         from usarsim_exploration.levels.opening import open_level  # it needs MuJoCo and sockets
 
         return open_level(self.scenario, self._connect)

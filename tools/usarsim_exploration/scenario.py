@@ -26,6 +26,7 @@ from usarsim_exploration.cycle import Member
 from usarsim_exploration.ending import End
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.events import Event, read_events
+from usarsim_exploration.levels.discs import Discs
 from usarsim_exploration.levels.physics import Physics
 from usarsim_exploration.radio import Radio, create_radio
 from usarsim_exploration.radio.models import DEFAULT
@@ -52,8 +53,10 @@ class Basics:
     links: Literal["after", "before"] = field(
         default="after", help="whether links are those of after the moves of a step or before"
     )
-    backend: Literal["grid", "server"] = field(
-        default="grid", help="who moves the robots: cells alone, or a server with physics"
+    backend: Literal["grid", "discs", "server"] = field(
+        default="grid",
+        help="who moves the robots: cells alone; cells, but robots take room and time to turn; or "
+        "a server with physics",
     )
 
 
@@ -82,7 +85,8 @@ class Scenario:
     Attributes:
         world: the truth; a run works on a copy. team: the base first.
         strategy: a pattern, each robot gets a copy; strategy_name: as written.
-        basics: seed, and when links are found. physics: means something to servers only.
+        basics: seed, and when links are found. discs, physics: mean something to the
+            backends of these names only.
         content: the tables that it was read from, with the options that were given.
         mapped: the environment comes from a file or folder.
         files: that `content` names beside, by the name that it uses.
@@ -94,6 +98,7 @@ class Scenario:
     strategy: Strategy
     strategy_name: str
     basics: Basics
+    discs: Discs
     physics: Physics
     end: End
     events: tuple[Event, ...]
@@ -105,8 +110,10 @@ class Scenario:
     def resolved(self) -> Content:
         """The same scenario, with what the team and the strategy have by default."""
         found: Content = {"seed": self.basics.seed, "links": self.basics.links}
-        if self.basics.backend != "grid":
-            found |= {"backend": self.basics.backend, "physics": declared(self.physics)}
+        if self.basics.backend == "discs":
+            found |= {"backend": "discs", "discs": declared(self.discs)}
+        elif self.basics.backend == "server":
+            found |= {"backend": "server", "physics": declared(self.physics)}
         for name in ("environment", "radio", "strategy", "end"):
             table = self.content.get(name, {})
             assert isinstance(table, Mapping)
@@ -149,12 +156,12 @@ def read(content: Mapping[str, object], path: Path | str = OPTIONS) -> Scenario:
     radio_table.finish()
     team = teams.read_team(table, world, strategy.formation, basics.seed)
     end = table.one("end", End)
-    physics = table.one("physics", Physics)
+    discs, physics = table.one("discs", Discs), table.one("physics", Physics)
     events = read_events(table, [one.name for one in team], world.environment)
     table.finish({"robots": "write it in [team]", "world": "write [environment] name"})
     return Scenario(
-        world, team, radio, strategy, name, basics, physics, end, events, dict(content), mapped,
-        files,
+        world, team, radio, strategy, name, basics, discs, physics, end, events, dict(content),
+        mapped, files,
     )  # fmt: skip
 
 

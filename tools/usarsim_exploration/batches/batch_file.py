@@ -39,6 +39,7 @@ SUITES = {path.stem: path for path in sorted(SHIPPED.glob("*.toml"))}
 _COMMON = (
     "links",
     "backend",
+    "discs",
     "physics",
     "environment",
     "team",
@@ -322,7 +323,7 @@ def read_batch(content: Mapping[str, object], path: Path) -> Batch:
     robots = common.get("robot")
     if isinstance(robots, list) and "teams" not in content:
         lists = replace(lists, teams=(Entry(str(len(robots)), {}),))
-    for key in ("physics", "environment", "team", "radio", "strategy", "end"):
+    for key in ("discs", "physics", "environment", "team", "radio", "strategy", "end"):
         table.free(key)
     table.finish(
         {"seed": "write seeds = [1]", "robots": "write teams = [1, 2, 4]", "radio_models": "radios"}

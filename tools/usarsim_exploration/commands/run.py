@@ -29,7 +29,11 @@ _OPTIONS = {
     "radio": ("radio.model", "NAME", "radio model"),
     "seed": ("seed", "N", "of all that strategies draw"),
     "steps": ("end.steps", "N", "most steps of the run"),
-    "backend": ("backend", "NAME", "grid, or server: robots with physics, driven over its ports"),
+    "backend": (
+        "backend",
+        "NAME",
+        "grid, discs (they take room), or server: physics, driven over its ports",
+    ),
 }
 _TOLD = 25
 """Steps between two lines of progress on a terminal."""
@@ -103,8 +107,8 @@ def run(arguments: argparse.Namespace) -> int:
         )
     if arguments.out is not None:
         run_folder.prepare(arguments.out)
-    if arguments.connect and scenario.basics.backend == "grid":
-        raise UsarsimError("--connect: the grid needs no server (cure: add --backend server)")
+    if arguments.connect and scenario.basics.backend != "server":
+        raise UsarsimError("--connect: cells need no server (cure: add --backend server)")
     with Run(scenario, taken.begin, arguments.connect) as one:
         if arguments.show:
             return _show(one, arguments.out, taken)
@@ -136,7 +140,7 @@ def _finish(one: Run, out: Path | None, taken: Watch) -> None:
 
     result = one.result()
     timing = taken.facts(result.history.steps)
-    if result.scenario.basics.backend != "grid":
+    if result.scenario.basics.backend == "server":
         timing["simulator_processor_s"] = one.close()
     if out is not None:
         run_folder.write(result, out, timing)

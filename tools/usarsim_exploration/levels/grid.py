@@ -76,14 +76,14 @@ class GridLevel:
     def _drive(self, cycle: Cycle, body: Body) -> None:
         view, environment = body.view, cycle.environment
         driven, headings, budget = list[Cell](), list[float](), view.speed + body.saved
-        blocked, felt, here = None, list[Cell](), view.cell
+        blocked, met, here = None, list[Cell](), view.cell
         for there in view.path:
             right, down = there[0] - here[0], there[1] - here[1]
             price = math.hypot(right, down)
             if price > budget + 1e-9:
                 break
             if not environment.may_move(here, there):
-                blocked, felt = there, _felt(environment, here, there)
+                blocked, met = there, felt(environment, here, there)
                 break
             budget -= price
             body.distance += price
@@ -100,7 +100,7 @@ class GridLevel:
         cells = driven or [view.cell]
         self._scan(cycle, body, cells, headings or [view.heading], bool(driven))
         if blocked is not None:
-            for cell in felt:
+            for cell in met:
                 view.known.bump(cycle.step, cell)
             view.path.clear()
 
@@ -121,7 +121,7 @@ class GridLevel:
         cycle.count(body, found)
 
 
-def _felt(environment: Environment, start: Cell, goal: Cell) -> list[Cell]:
+def felt(environment: Environment, start: Cell, goal: Cell) -> list[Cell]:
     """The walls that keep a robot from a neighbour."""
     rows, columns = environment.shape
     return [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import cv2
@@ -84,6 +85,17 @@ def route(
         found.append((here % part.shape[1] + left, here // part.shape[1] + top))
         here = int(flat[here])
     return found[::-1], ends
+
+
+def gathering(robots: int) -> int:
+    """Cells from the base within which a robot has come home, for all of a team stand there."""
+    return round(10 + 1.5 * robots)
+
+
+def rest_of(path: Path, here: Cell) -> Path:
+    """What is left of a path for a robot that may be beside it: from the nearest cell on."""
+    nearest = min(range(min(len(path), 40)), key=lambda n: (math.dist(path[n], here), -n))
+    return path[nearest + (path[nearest] == here) :]
 
 
 def _target(

@@ -1,4 +1,4 @@
-"""Whether runs on the grid and runs of robots with physics say the same.
+"""Whether runs on cells, of points or discs, and runs of robots with physics say the same.
 
 Compared are settings that differ by nothing but the backend. Coverage is compared at equal
 distances, as a step of the grid costs no time; strategies are compared by their order (M. G.
@@ -15,7 +15,7 @@ import numpy as np
 
 from usarsim_exploration.measures import MEASURES
 from usarsim_exploration.reporting.comparison import RANKED, Comparison, Group
-from usarsim_exploration.reporting.runs import GRID, Array, Curves, Run
+from usarsim_exploration.reporting.runs import DISCS, GRID, SERVER, Array, Curves, Run
 from usarsim_exploration.reporting.survival import (
     RESAMPLES,
     Time,
@@ -87,24 +87,36 @@ class Pair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Agreement:
-    """All settings that were run at both levels. over_all: mean tau, and its interval, by goal."""
+    """All settings that were run at a level of cells and with physics.
 
+    Attributes:
+        cells: the backend that physics is compared with. over_all: mean tau, and its interval, by
+            goal.
+    """
+
+    cells: str
     pairs: Sequence[Pair]
     over_all: Mapping[str, tuple[float, Interval | None]]
 
 
-def agree(found: Comparison) -> Agreement | None:
-    """Compare levels; None: nothing was run at both."""
-    grids = {group.setting: group for group in found.groups if group.setting.backend == GRID}
-    pairs = [
-        _pair(grids[same], group)
-        for group in found.groups
-        if group.setting.backend != GRID
-        and (same := replace(group.setting, backend=GRID)) in grids
-        and grids[same].runs.keys() & group.runs.keys()
-    ]
-    if not pairs:
-        return None
+def agree(found: Comparison) -> list[Agreement]:
+    """Compare physics with each level of cells at which something was run as well."""
+    groups = {group.setting: group for group in found.groups}
+    levels = []
+    for cells in (GRID, DISCS):
+        pairs = [
+            _pair(other, group)
+            for group in found.groups
+            if group.setting.backend == SERVER
+            and (other := groups.get(replace(group.setting, backend=cells))) is not None
+            and other.runs.keys() & group.runs.keys()
+        ]
+        if pairs:
+            levels.append(Agreement(cells, pairs, _over_all(pairs)))
+    return levels
+
+
+def _over_all(pairs: Sequence[Pair]) -> dict[str, tuple[float, Interval | None]]:
     over_all = {}
     for goal in RANKED:
         orders = [one.orders[goal] for one in pairs if one.orders[goal].tau is not None]
@@ -112,7 +124,7 @@ def agree(found: Comparison) -> Agreement | None:
             taus = [order.tau for order in orders if order.tau is not None]
             means = np.mean([order.resampled for order in orders], axis=0)
             over_all[goal] = float(np.mean(taus)), _interval(means)
-    return Agreement(pairs, over_all)
+    return over_all
 
 
 def costs(group: Group) -> dict[str, dict[str, float]]:

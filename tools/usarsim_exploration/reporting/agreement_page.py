@@ -1,4 +1,4 @@
-"""The part of a report about grid and physics; only where a setting was run at both levels."""
+"""The parts of a report about cells and physics; only where a setting was run at both levels."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from usarsim_exploration.measures import MEASURES
 from usarsim_exploration.reporting.agreement import FEWEST, Agreement, Level, Order, Pair, costs
 from usarsim_exploration.reporting.comparison import RANKED, title
 from usarsim_exploration.reporting.pictures import Look, axes_of, picture_of
+from usarsim_exploration.reporting.runs import DISCS, GRID
 from usarsim_study.page import Page
 from usarsim_study.svg import MUTED
 from usarsim_study.wording import NONE, interval, number
@@ -24,18 +25,21 @@ GOAL = "team_t90"
 """By which scatter plots compare strategies."""
 WANTED = 10.0
 """Percent points that coverage at equal distance may differ by."""
+WHERE = {GRID: "on the grid", DISCS: "with discs"}
+"""How the levels of cells are spoken of."""
 Array = Any
 
 
 def write(page: Page, found: Agreement, look: Look) -> None:
     """Curves, differences, orders and costs."""
-    page.heading("Grid and physics")
+    where = WHERE[found.cells]
+    page.heading(f"{found.cells.capitalize()} and physics")
     page.paragraph(_glance(found), "lead")
     for place, pair in enumerate(found.pairs[:PICTURED]):
         if pair.coverage:
             page.picture(
-                _curves(f"levels-{place}", pair, look),
-                f"{pair.real.setting}: coverage of the team by what all robots drove, on the grid "
+                _curves(f"{found.cells}-{place}", pair, look, where),
+                f"{pair.real.setting}: coverage of the team by what all robots drove, {where} "
                 "(dashed) and with physics (solid); means with pointwise 95 % bands (three runs or "
                 "more).",
             )
@@ -44,12 +48,12 @@ def write(page: Page, found: Agreement, look: Look) -> None:
     drawn = [pair for pair in found.pairs if pair.orders[GOAL].times]
     if drawn:
         page.picture(
-            _scatter("levels-times", drawn, look),
-            f"{title(GOAL)}: mean steps of each strategy on the grid and with physics, by "
+            _scatter(f"{found.cells}-times", drawn, look, where),
+            f"{title(GOAL)}: mean steps of each strategy {where} and with physics, by "
             "setting. Strategies whose points rise together are ordered alike; on the line both "
             "levels take as many steps.",
         )
-    _costs(page, found)
+    _costs(page, found, where)
 
 
 def _glance(found: Agreement) -> str:
@@ -112,7 +116,7 @@ def _order(one: Order) -> list[str]:
     return [str(len(one.times)), tau, interval(one.interval)]
 
 
-def _costs(page: Page, found: Agreement) -> None:
+def _costs(page: Page, found: Agreement, where: str) -> None:
     """What physics costs, and how much longer it takes."""
     for pair in found.pairs:
         strategies = [name for name in pair.real.runs if name in pair.grid.runs]
@@ -123,8 +127,8 @@ def _costs(page: Page, found: Agreement) -> None:
         ]
         times = pair.orders[GOAL].times
         for head, each in (
-            (f"{title(GOAL)}: steps with physics by steps on the grid", times),
-            ("Distance with physics by distance on the grid", _distances(pair)),
+            (f"{title(GOAL)}: steps with physics by steps {where}", times),
+            (f"Distance with physics by distance {where}", _distances(pair)),
         ):
             rows.append([head, *(_ratio(each.get(one)) for one in strategies)])
         page.table((f"What physics costs: {pair.real.setting}", *strategies), rows, "numbers")
@@ -135,7 +139,7 @@ def _ratio(values: tuple[float, float] | None) -> str:
 
 
 def _distances(pair: Pair) -> dict[str, tuple[float, float]]:
-    """Mean cells driven on the grid and with physics, by strategy."""
+    """Mean cells driven at both levels, by strategy."""
     cells = ((name, [one.cells.get(("distance", name)) for one in (pair.grid, pair.real)])
              for name in pair.real.runs)  # fmt: skip
     return {
@@ -145,7 +149,7 @@ def _distances(pair: Pair) -> dict[str, tuple[float, float]]:
     }
 
 
-def _curves(name: str, pair: Pair, look: Look) -> str:
+def _curves(name: str, pair: Pair, look: Look, where: str) -> str:
     """A panel for each strategy."""
     strategies = list(pair.coverage)
     rows = -(-len(strategies) // COLUMNS)
@@ -164,7 +168,7 @@ def _curves(name: str, pair: Pair, look: Look) -> str:
         for axes in panels[:, 0]:
             axes.set_ylabel("reachable cells known (%)")
 
-    label = f"Coverage by distance on the grid and with physics, {pair.real.setting}"
+    label = f"Coverage by distance {where} and with physics, {pair.real.setting}"
     return picture_of(name, label, 2.3 * rows + 0.2, draw)
 
 
@@ -176,7 +180,7 @@ def _band(axes: Axes, distance: Array, level: Level, line: dict[str, Any]) -> No
         )
 
 
-def _scatter(name: str, pairs: list[Pair], look: Look) -> str:
+def _scatter(name: str, pairs: list[Pair], look: Look, where: str) -> str:
     """A panel for each setting, a point for each strategy."""
     strategies = sorted({one for pair in pairs for one in pair.orders[GOAL].times})
     rows = -(-len(pairs) // COLUMNS)
@@ -190,7 +194,7 @@ def _scatter(name: str, pairs: list[Pair], look: Look) -> str:
             for strategy, (grid, real) in times.items():
                 style = {"color": look.colour(strategy), "linestyle": ""}
                 axes.plot([grid], [real], look.marker(strategy), ms=5, **style)
-            axes_of(axes, str(pair.grid.setting), "steps on the grid")
+            axes_of(axes, str(pair.grid.setting), f"steps {where}")
             axes.set_xlim(0, most)
             axes.set_ylim(0, most)
         for axes in panels.flat[len(pairs) :]:
@@ -199,5 +203,5 @@ def _scatter(name: str, pairs: list[Pair], look: Look) -> str:
             axes.set_ylabel("steps with physics")
         look.points(figure, strategies)
 
-    label = f"{title(GOAL)} of strategies on the grid and with physics"
+    label = f"{title(GOAL)} of strategies {where} and with physics"
     return picture_of(name, label, 2.5 * rows + 0.3 + 0.19 * math.ceil(len(strategies) / 4), draw)

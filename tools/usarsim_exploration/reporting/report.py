@@ -73,10 +73,9 @@ def _page(found: Comparison, progress: Progress) -> Page:
         _failed(page, found)
     _ranking(page, found)
     _overview(page, found)
-    levels = agree(found)
-    if levels is not None:
-        progress("compares levels")
-        agreement_page.write(page, levels, look)
+    for level in agree(found):
+        progress(f"compares {level.cells} and physics")
+        agreement_page.write(page, level, look)
     for number_, group in enumerate(found.groups, start=1):
         progress(f"setting {number_} of {len(found.groups)}")
         page.heading(str(group.setting))

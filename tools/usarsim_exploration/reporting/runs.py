@@ -46,8 +46,8 @@ _LISTS = ("environments", "teams", "radios", "strategies")
 """What a batch runs each with each."""
 _NO_SCENARIO = (*_LISTS, "title", "seeds")
 """Of a batch, what is in no scenario of its runs."""
-GRID = "grid"
-"""Backend of runs that do not name one."""
+GRID, DISCS, SERVER = "grid", "discs", "server"
+"""Backends; the first one is that of runs that name none."""
 _AGAIN = "write it again with `usarsim explore run` or `usarsim explore bench`"
 Array = NDArray[np.float64]
 
