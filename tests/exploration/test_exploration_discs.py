@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from usarsim_exploration import run_folder
 from usarsim_exploration.cycle import Cycle, Member, set_up
 from usarsim_exploration.environment import Cell, Environment
 from usarsim_exploration.levels.discs import DiscLevel, Discs
@@ -19,6 +21,7 @@ from usarsim_exploration.running import run
 from usarsim_exploration.scenario import read
 from usarsim_exploration.strategy import Plan, Strategy, View
 from usarsim_exploration.walking import line
+from usarsim_server import cli
 
 WIDTH = 6.0
 
@@ -141,6 +144,15 @@ def test_a_run_repeats_and_gets_less_far_than_points() -> None:
     slow, fast = (each.history.distance[20].sum() for each in (one, points))
     assert 0.5 * fast < slow < 0.95 * fast
     assert one.scenario.resolved["discs"] == {"width": 6.0, "turn": 150.0}
+
+
+def test_a_replay_does_not_compare_what_points_scan(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Robots of a replay are points: they go where discs went, and scan otherwise."""
+    run_folder.write(run(read({**LAB, "end": {"steps": 9}})), tmp_path, {})
+    assert cli.main(["explore", "replay", str(tmp_path)]) == 0
+    assert "numbers are not compared, for robots of discs scan elsewhere" in capsys.readouterr().out
 
 
 def test_a_robot_that_fails_stays_in_the_way() -> None:

@@ -59,6 +59,11 @@ def run(arguments: argparse.Namespace) -> int:
     print(run_folder.line(result, timing))
     if before is None or options or arguments.set:
         return 0
+    if (backend := scenario.basics.backend) != "grid":
+        print(
+            f"{arguments.folder}: numbers are not compared, for robots of {backend} scan elsewhere"
+        )
+        return 0
     difference = first_difference(before, result.history)
     print(f"{arguments.folder}: {difference or 'the same'}")
     return 1 if difference else 0
