@@ -23,6 +23,12 @@ SNAP = 8
 """Cells from a path within which a robot that gets no nearer may stay: another one fits between."""
 _COMFORT = 7.0
 """Cells to a wall beyond which more is no better."""
+_TURNS = 1.2
+"""Cells more than a robot needs at least with which it turns on the spot and touches nothing."""
+_TIGHT = 40
+"""Price of a cell with less."""
+_ROOMY = 4
+"""Cells from the end of a path within which it rather ends where it can turn."""
 _LEAVE = 6
 """Cells around a robot that stands too near to a wall, within which it may drive out."""
 
@@ -67,7 +73,8 @@ def route(
     prices = 4 + np.rint(12 * np.clip(_COMFORT - away, 0.0, None)).astype(np.int64)
     prices += 8 * (part & KNOWN == 0)
     prices += 200 * felt
-    narrow = away < width
+    narrow, tight = away < width, away < width + _TURNS
+    prices += _TIGHT * tight
     near = np.zeros_like(narrow)
     near[max(row - _LEAVE, 0) : row + _LEAVE + 1, max(column - _LEAVE, 0) : column + _LEAVE + 1] = (
         True
@@ -75,8 +82,9 @@ def route(
     prices[narrow & near] += 300
     prices[(narrow & ~near) | (solid & (away < 0.5))] = 0
     prices[row, column] = max(prices[row, column], 1)
+    tight[row, column] = True  # who is there already has to get nearer
     costs, came = cheapest(prices, column, row)
-    target, ends = _target(costs, narrow, local[1:], snap if len(path) <= AHEAD else 0)
+    target, ends = _target(costs, narrow, tight, local[1:], snap if len(path) <= AHEAD else 0)
     if target is None:
         return [], False
     found = []
@@ -99,7 +107,11 @@ def rest_of(path: Path, here: Cell) -> Path:
 
 
 def _target(
-    costs: NDArray[np.int64], narrow: NDArray[np.bool_], path: NDArray[np.int64], snap: int
+    costs: NDArray[np.int64],
+    narrow: NDArray[np.bool_],
+    tight: NDArray[np.bool_],
+    path: NDArray[np.int64],
+    snap: int,
 ) -> tuple[Cell | None, bool]:
     """The farthest cell of a path that can be reached, or one near it; and whether at its end.
 
@@ -111,6 +123,12 @@ def _target(
     if not len(rows):
         return None, False
     last = len(path) - 1
+    if snap:
+        open_at = np.argwhere((costs < FAR) & ~tight)
+        away = ((open_at[:, ::-1] - path[last]) ** 2).sum(axis=1)
+        if len(away) and away.min() <= _ROOMY**2:
+            row, column = open_at[np.argmin(away)].tolist()
+            return (column, row), True
     for index in range(last, -1, -1):
         column, row = path[index].tolist()
         if open_[row, column]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -10,14 +11,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell
+from usarsim_exploration.known_map import FELT, SAFE, WALL
 from usarsim_exploration.levels.controller import Controller
 from usarsim_exploration.levels.driver import Driver
+from usarsim_exploration.levels.laser import points
 from usarsim_exploration.levels.serving import OwnServer
+from usarsim_exploration.levels.swerving import REACH, Swerve
 from usarsim_exploration.localisation import Disc, Evidence, Localiser, Pose, compose, relative
 from usarsim_exploration.localisation.poses import wrap
 
 if TYPE_CHECKING:
     from usarsim_exploration.cycle import Body
+
+_CROWD = 1.5
+"""m to another robot within which one waits with patience."""
+_FEW = 40
+"""Beams on known walls: in matches of fewer, one of 300, headings get most of their error."""
+_BESIDE = 0.34 * np.array(
+    [[math.cos(angle), math.sin(angle)] for angle in np.arange(12) * math.pi / 6]
+)
+"""Outline of another robot, m around its middle."""
+_KNOWN = 0.5
+"""m around another robot within which it is, where it told lately where it stands."""
+_HALVES = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.5], [0.5, 0.5]])
+"""Corners of quarters of a cell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +103,7 @@ class Rover:
     controller: Controller
     evidence: Evidence
     driver: Driver
+    swerve: Swerve
     localiser: Localiser
     pose: Pose
     scanned: Pose
@@ -93,6 +111,37 @@ class Rover:
     visited: list[Cell] = field(default_factory=list)
     others: list[Disc] = field(default_factory=list)
     reckoning: Reckoning = field(default_factory=Reckoning)
+
+    def steer(self, cell: float) -> tuple[float, float]:
+        """m/s and rad/s to the right until the next call. cell: width of one, m."""
+        one = self.controller
+        mount = compose(relative(self.pose, self.scanned), (one.mount, 0.0, 0.0))
+        seen = points(one.ranges, one.angles, mount)
+        crowd = any(math.dist(disc[:2], self.pose[:2]) < _CROWD for disc in self.others)
+        matched = self.localiser.mode == "scan-matching"
+        vague = matched and self.localiser.beams < _FEW
+        speeds = self.driver.steer(self.pose, seen, crowd, vague=vague)
+        return self.swerve.swerve(*speeds, self._around(seen, mount, cell))
+
+    def _around(self, seen: NDArray[np.float64], mount: Pose, cell: float) -> NDArray[np.float64]:
+        """(n, 2) what is near, as the robot sees it: before its scanner by the scan, else as told.
+
+        A cell of a wall counts for four, each by its place next to the robot.
+        """
+        place = np.array(self.pose[:2])
+        low = np.maximum(((place - REACH) / cell).astype(np.int64), 0)
+        high = ((place + REACH) / cell).astype(np.int64) + 1
+        part = self.body.view.known.bits[low[1] : high[1], low[0] : high[0]]
+        rows, columns = np.nonzero(part & (WALL | SAFE | FELT) == WALL | SAFE)
+        corners = (np.column_stack([columns, rows]) + low)[:, None] * cell + _HALVES * cell
+        told = [np.clip(place, corners, corners + cell / 2).reshape(-1, 2)]
+        told += [disc[:2] + _BESIDE for disc in self.others[1:] if disc[2] < _KNOWN]
+        x, y, heading = self.pose
+        cosine, sine = math.cos(heading), math.sin(heading)
+        away = (np.vstack(told) - (x, y)) @ np.array([[cosine, -sine], [sine, cosine]])
+        ahead = (away - mount[:2]) @ (math.cos(mount[2]), math.sin(mount[2]))
+        near = np.vstack([seen, away[ahead < 0.0]])
+        return near[(near * near).sum(axis=1) < REACH**2]
 
 
 def wire_name(name: str) -> str:

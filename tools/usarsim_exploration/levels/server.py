@@ -26,6 +26,7 @@ from usarsim_exploration.levels.physics import Physics
 from usarsim_exploration.levels.route import SNAP, route
 from usarsim_exploration.levels.rover import Place, Rover, disc_cells, wire_name
 from usarsim_exploration.levels.serving import cutoff
+from usarsim_exploration.levels.swerving import Swerve
 from usarsim_exploration.levels.wire import decode, encode
 from usarsim_exploration.localisation import (
     INERTIAL,
@@ -65,10 +66,6 @@ _SEES = 3.0
 """m within which a laser point that is on no map keeps robots away."""
 _UNDER = 0.25
 """m around the middle of a robot that are free, since it stands there."""
-_CROWD = 1.5
-"""m to another robot within which one waits with patience."""
-_FEW = 40
-"""Beams on known walls: in matches of fewer, one of 300, headings get most of their error."""
 _TURNED = 0.2
 """rad after which a robot takes in a scan though it has not moved by a cell."""
 
@@ -165,7 +162,9 @@ class ServerLevel:
             mode, mount = self._physics.localisation, (one.mount, 0.0, 0.0)
             motion = INERTIAL if told is not None else WHEELS
             localiser = Localiser(mode, start, size, reach, mount, motion)
-            self._rovers.append(Rover(body, one, evidence, driver, localiser, start, start))
+            swerve = Swerve(self._physics.control)
+            rover = Rover(body, one, evidence, driver, swerve, localiser, start, start)
+            self._rovers.append(rover)
         self._begun = self.time
         for rover in self._rovers:
             rover.others = self._discs(cycle, rover)
@@ -263,7 +262,7 @@ class ServerLevel:
         speeds: list[tuple[float, float]] = []
         for rover in present:
             moves = drive and rover.body.works
-            speeds.append(self._steer(rover) if moves else (0.0, 0.0))
+            speeds.append(rover.steer(self._cell) if moves else (0.0, 0.0))
         try:
             self.controllers[0].release(drive=False)
             for rover, speed in zip(present, speeds, strict=True):
@@ -282,15 +281,6 @@ class ServerLevel:
                 self._watch(cycle, rover)
         self._judge(cycle, [one for one in present if one.controller.name not in self.lost])
         self.time += self._physics.control
-
-    @staticmethod
-    def _steer(rover: Rover) -> tuple[float, float]:
-        one = rover.controller
-        seen = points(one.ranges, one.angles, (one.mount, 0.0, 0.0))
-        crowd = any(math.dist(disc[:2], rover.pose[:2]) < _CROWD for disc in rover.others)
-        matched = rover.localiser.mode == "scan-matching"
-        vague = matched and rover.localiser.beams < _FEW
-        return rover.driver.steer(rover.pose, seen, crowd, vague=vague)
 
     def _locate(self, rover: Rover) -> None:
         """Where the robot believes to be now, and to have been when it scanned."""
