@@ -68,6 +68,15 @@ def test_no_route_through_a_narrow_door() -> None:
     assert max(column for column, _ in way) < 30
 
 
+def test_a_route_ends_where_a_robot_can_turn() -> None:
+    """Half its diagonal is 4.2 cells; who is there already gets as near as it can."""
+    way, ends = route(rooms(10), (10, 10), line((10, 10), (26, 10)), 3.5, NOTHING)
+    assert ends
+    assert way[-1] == (25, 10)
+    nearer, ends = route(rooms(10), (25, 10), line((25, 10), (26, 10)), 3.5, NOTHING)
+    assert (nearer, ends) == ([(26, 10)], True)
+
+
 def test_routes_lead_around_others() -> None:
     """What the laser sees, and no map shows."""
     crate = np.array([(column, row) for column in range(18, 23) for row in range(17, 24)])

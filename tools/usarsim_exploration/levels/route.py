@@ -82,8 +82,8 @@ def route(
     prices[narrow & near] += 300
     prices[(narrow & ~near) | (solid & (away < 0.5))] = 0
     prices[row, column] = max(prices[row, column], 1)
-    tight[row, column] = True  # who is there already has to get nearer
     costs, came = cheapest(prices, column, row)
+    tight = narrow if math.dist(start, path[-1]) <= _ROOMY else tight
     target, ends = _target(costs, narrow, tight, local[1:], snap if len(path) <= AHEAD else 0)
     if target is None:
         return [], False

@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,6 +34,10 @@ _BESIDE = 0.34 * np.array(
 """Outline of another robot, m around its middle."""
 _KNOWN = 0.5
 """m around another robot within which it is, where it told lately where it stands."""
+_ROBOTS = 0.08
+"""m that what is no wall may come nearer while a robot drives: it may be another one."""
+_UNSEEN = 0.03
+"""m by which a robot errs about what it only remembers."""
 _HALVES = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.5], [0.5, 0.5]])
 """Corners of quarters of a cell."""
 
@@ -121,27 +126,37 @@ class Rover:
         matched = self.localiser.mode == "scan-matching"
         vague = matched and self.localiser.beams < _FEW
         speeds = self.driver.steer(self.pose, seen, crowd, vague=vague)
-        return self.swerve.swerve(*speeds, self._around(seen, mount, cell))
+        around = self._around(seen, mount, cell) if any(speeds) else seen[:0]
+        return self.swerve.swerve(*speeds, around)
 
     def _around(self, seen: NDArray[np.float64], mount: Pose, cell: float) -> NDArray[np.float64]:
         """(n, 2) what is near, as the robot sees it: before its scanner by the scan, else as told.
 
         A cell of a wall counts for four, each by its place next to the robot.
         """
-        place = np.array(self.pose[:2])
-        low = np.maximum(((place - REACH) / cell).astype(np.int64), 0)
-        high = ((place + REACH) / cell).astype(np.int64) + 1
-        part = self.body.view.known.bits[low[1] : high[1], low[0] : high[0]]
+        x, y, heading = self.pose
+        cosine, sine = math.cos(heading), math.sin(heading)
+        turn, place = np.array([[cosine, sine], [-sine, cosine]]), np.array((x, y))
+        bits = self.body.view.known.bits
+        low = np.clip(((place - REACH) / cell).astype(np.int64), 0, np.array(bits.shape[::-1]) - 1)
+        high = np.maximum(((place + REACH) / cell).astype(np.int64), low) + 1
+        part = bits[low[1] : high[1], low[0] : high[0]]
+        near = seen[(seen * seen).sum(axis=1) < REACH**2]
+        at = np.floor((near @ turn + place) / cell).astype(np.int64) - low
+        column, row = np.clip(at, 0, np.array(part.shape[::-1]) - 1).T
+        walls = cv2.dilate(part & np.uint8(WALL), np.ones((3, 3), np.uint8)) != 0
+        moving = near[~walls[row, column]]
+        far = np.hypot(*moving.T)[:, None]
+        near[~walls[row, column]] = moving * (1.0 - np.minimum(_ROBOTS / far, 1.0))
         rows, columns = np.nonzero(part & (WALL | SAFE | FELT) == WALL | SAFE)
         corners = (np.column_stack([columns, rows]) + low)[:, None] * cell + _HALVES * cell
         told = [np.clip(place, corners, corners + cell / 2).reshape(-1, 2)]
         told += [disc[:2] + _BESIDE for disc in self.others[1:] if disc[2] < _KNOWN]
-        x, y, heading = self.pose
-        cosine, sine = math.cos(heading), math.sin(heading)
-        away = (np.vstack(told) - (x, y)) @ np.array([[cosine, -sine], [sine, cosine]])
+        away = (np.vstack(told) - place) @ turn.T
+        away *= 1.0 - np.minimum(_UNSEEN / np.maximum(np.hypot(*away.T), 1e-9), 1.0)[:, None]
+        away = away[(away * away).sum(axis=1) < REACH**2]
         ahead = (away - mount[:2]) @ (math.cos(mount[2]), math.sin(mount[2]))
-        near = np.vstack([seen, away[ahead < 0.0]])
-        return near[(near * near).sum(axis=1) < REACH**2]
+        return np.vstack([near, away[ahead < 0.0]])
 
 
 def wire_name(name: str) -> str:

@@ -162,7 +162,7 @@ class ServerLevel:
             mode, mount = self._physics.localisation, (one.mount, 0.0, 0.0)
             motion = INERTIAL if told is not None else WHEELS
             localiser = Localiser(mode, start, size, reach, mount, motion)
-            swerve = Swerve(self._physics.control)
+            swerve = Swerve(body.view.number, self._physics.control)
             rover = Rover(body, one, evidence, driver, swerve, localiser, start, start)
             self._rovers.append(rover)
         self._begun = self.time

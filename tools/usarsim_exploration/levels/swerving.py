@@ -23,10 +23,13 @@ _LAG = 0.2
 """s after which wheels have come two thirds of the way to a new speed."""
 _MARGIN = 0.04
 """m from the bumpers that are kept free, where they are."""
-_WORSE = 0.004
-"""m by which a robot that is too near may get nearer still: less than what a laser tells."""
-_PATIENCE, _GENTLE = 2.0, 0.7
-"""s after which a robot that cannot do what it wants squeezes through, and rad/s at most then."""
+_WORSE = 0.001
+"""m by which a robot that is too near may get nearer still."""
+_PATIENCE, _FIRST = 3.0, 2.0
+"""s, less for robots of low numbers, after which one that cannot do what it wants squeezes
+through, and after twice of which it takes what comes; and how much less, by the number."""
+_SQUEEZED, _GENTLE = 0.015, 0.7
+"""m that are kept free by one that squeezes, and rad/s at most of one that may touch something."""
 _TURNS = np.array([0.4, -0.4, 0.8, -0.8, 1.5, -1.5])
 """rad/s beside a curve that is not free, to be tried instead."""
 _ASIDE = np.array([[s, t] for s in (0.15, -0.15) for t in (0.0, 0.3, -0.3, 0.7, -0.7)])
@@ -38,10 +41,11 @@ _GAIN = 0.002
 class Swerve:
     """Of one robot: it knows how fast it is."""
 
-    def __init__(self, period: float) -> None:
-        """It stands. period: s between two calls."""
+    def __init__(self, number: int, period: float) -> None:
+        """It stands. number: of the robot, low ones wait less. period: s between two calls."""
         self._now = np.zeros(2)
-        self._held, self._squeezes = 0.0, False
+        self._forces = False
+        self._held, self._patience = 0.0, _PATIENCE - _FIRST / (1.0 + number)
         self._period = period
         self._gain = 1.0 - math.exp(-period / _LAG)
 
@@ -53,20 +57,20 @@ class Swerve:
                 ahead of its middle and to the right.
         """
         if len(around) and (speed or turn):
-            found = self._choose(np.array([[speed, turn]]), around)
-            self._held += self._period if found != (speed, turn) else -self._period
-            self._squeezes = self._held > (0.0 if self._squeezes else _PATIENCE)
-            self._held = max(self._held, 0.0)
-            if self._squeezes:
-                self._held -= 2 * self._period if found != (speed, turn) else 0.0
+            kept = _MARGIN if self._held < self._patience else _SQUEEZED
+            found = self._choose(np.array([[speed, turn]]), around, kept)
+            free = found == (speed, turn)
+            self._forces = self._held >= self._patience * (1.0 if self._forces else 2.0)
+            if self._forces:
                 slower = min(1.0, _GENTLE / max(abs(turn), 1e-9))
-                found = slower * speed, slower * turn
+                found, free = (slower * speed, slower * turn), True
+            self._held = max(self._held + (-self._period if free else self._period), 0.0)
             speed, turn = found
         self._now += self._gain * (np.array([speed, turn]) - self._now)
         return speed, turn
 
-    def _choose(self, wanted: Floats, around: Floats) -> tuple[float, float]:
-        least = min(_MARGIN, float(_clear(around, np.zeros((1, 3)))[0]) - _WORSE)
+    def _choose(self, wanted: Floats, around: Floats, kept: float) -> tuple[float, float]:
+        least = min(kept, float(_clear(around, np.zeros((1, 3)))[0]) - _WORSE)
         if self._margin(around, wanted)[0] >= least:
             return float(wanted[0, 0]), float(wanted[0, 1])
         if wanted[0, 0]:
