@@ -70,7 +70,8 @@ class Swerve:
         return speed, turn
 
     def _choose(self, wanted: Floats, around: Floats, kept: float) -> tuple[float, float]:
-        least = min(kept, float(_clear(around, np.zeros((1, 3)))[0]) - _WORSE)
+        now = float(_clear(around, np.zeros((1, 3)))[0]) - _WORSE
+        least = min(kept, now)
         if self._margin(around, wanted)[0] >= least:
             return float(wanted[0, 0]), float(wanted[0, 1])
         if wanted[0, 0]:
@@ -85,7 +86,7 @@ class Swerve:
         ends = self._poses(_ASIDE)[-1]
         away = np.hypot(*(around[None] - ends[:, None, :2]).transpose(2, 0, 1)).min(axis=1)
         gain = away - np.hypot(*around.T).min()
-        gain[self._margin(around, _ASIDE) < least] = -math.inf
+        gain[self._margin(around, _ASIDE) < min(_SQUEEZED, now)] = -math.inf
         best = int(np.argmax(gain))
         if gain[best] < _GAIN:
             return 0.0, 0.0
