@@ -100,7 +100,7 @@ class DiscLevel(GridLevel):
         moving = [self._discs[body.view.number] for body in cycle.acting()]
         for disc in moving:
             cycle.decide(disc.body)
-            self._set_out(disc)
+            self._set_out(disc, cycle.environment.cell)
         parts = math.ceil(max((disc.body.view.speed for disc in moving), default=0.0))
         for _ in range(parts):
             for disc in moving:
@@ -109,8 +109,8 @@ class DiscLevel(GridLevel):
             self._settle(cycle, disc)
             disc.body.view.planner.forget()
 
-    def _set_out(self, disc: _Disc) -> None:
-        """Make the way for this step out of what is left of the strategy's path."""
+    def _set_out(self, disc: _Disc, cell: float) -> None:
+        """Make the way for this step out of what is left of the path. cell: width of one, m."""
         view = disc.body.view
         disc.cells, disc.headings = [], []
         disc.moved, disc.hit, disc.credit = False, None, 0.0
@@ -126,7 +126,8 @@ class DiscLevel(GridLevel):
                 for one in self._discs
                 if one is not disc and math.dist(one.cell, disc.cell) < _SEES
             ]
-        snap = gathering(len(self._discs) - 1) if view.path[-1] == view.base else SNAP
+        home = view.path[-1] == view.base
+        snap = gathering(len(self._discs) - 1, cell) if home else SNAP
         disc.way, disc.whole = route(
             view.known.bits, disc.cell, view.path, (self._width + 1) / 2, np.concatenate(others),
             snap,

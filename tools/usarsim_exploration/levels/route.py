@@ -95,9 +95,9 @@ def route(
     return found[::-1], ends
 
 
-def gathering(robots: int) -> int:
-    """Cells from the base within which a robot has come home, for all of a team stand there."""
-    return round(10 + 1.5 * robots)
+def gathering(robots: int, cell: float) -> int:
+    """Cells, of so many m, from the base to where a robot is home: all of a team stand there."""
+    return round((1.0 + 0.15 * robots) / cell)
 
 
 def rest_of(path: Path, here: Cell) -> Path:

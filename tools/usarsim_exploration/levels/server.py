@@ -23,7 +23,7 @@ from usarsim_exploration.levels.controller import Controller, DeadError
 from usarsim_exploration.levels.driver import Driver
 from usarsim_exploration.levels.laser import points, scanner
 from usarsim_exploration.levels.physics import Physics
-from usarsim_exploration.levels.route import SNAP, route
+from usarsim_exploration.levels.route import SNAP, gathering, rest_of, route
 from usarsim_exploration.levels.rover import Place, Rover, disc_cells, wire_name
 from usarsim_exploration.levels.serving import cutoff
 from usarsim_exploration.levels.swerving import Swerve
@@ -247,7 +247,7 @@ class ServerLevel:
         here = self._at(rover.pose)
         snap = SNAP
         if view.path[-1] == view.base:  # all come home, and stand around it
-            snap = round((1.0 + 0.15 * len(self._rovers)) / self._cell)
+            snap = gathering(len(self._rovers), self._cell)
         width = _WIDTH * 0.1 / self._cell
         way, whole = route(view.known.bits, here, view.path, width, np.concatenate(seen), snap)
         end = self._middle(view.path[-1])
@@ -368,10 +368,7 @@ class ServerLevel:
         if view.path and driver.arrived and not blocked:
             here, view.path = view.path[-1], []
         elif view.path and not blocked:
-            nearest = min(range(min(len(view.path), 40)),
-                          key=lambda n: (math.dist(view.path[n], here), -n))  # fmt: skip
-            rest = view.path[nearest:]
-            view.path = line(here, rest[0]) + rest[1:] if rest[0] != here else rest[1:]
+            view.path = rest_of(view.path, here)
         if blocked:
             self._bump(cycle, rover)
             view.path = []
