@@ -22,6 +22,7 @@ from built_worlds import (
 from PIL import Image
 from t3d_maps import actor, brush, level, room, start
 
+from usarsim_maps.build import emitter
 from usarsim_maps.scene import (
     Box,
     Capsule,
@@ -116,6 +117,27 @@ class TestSeeing:
                 for place in places:
                     assert cast((*place, 3.0), AXES[5:])[0] == pytest.approx(depth, abs=1e-5)
         assert len(list((world.built.folder / "meshes").iterdir())) == 3
+
+    def test_pieces_of_several_files_are_each_in_place(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Solid pieces go into files of a bounded number, hulls and boxes alike, in their order."""
+        monkeypatch.setattr(emitter, "CHUNK", 2)
+        wedge = mesh_of(
+            [(0, 0, 0), (0.5, 0, 0), (0, 0.5, 0), (0, 0, 1), (0.5, 0, 1), (0, 0.5, 1)], WEDGE_FACES
+        )
+        shapes = (wedge, cuboid_mesh((0, 0, 0), (0.5, 0.5, 1)))
+        row = [thing(shapes[n % 2], f"t{n}", Pose((n - 2.0, 0, 0))) for n in range(4)]
+        world = build_world(tmp_path, scene_of(FLOOR, *row, starts=[HERE]))
+        files = sorted((world.built.folder / "solids").iterdir())
+        assert [file.read_text().count("<geom") for file in files] == [2, 2, 1]
+        down = [world.solid_rays((n - 1.9, 0.1, 3.0), AXES[5:])[0] for n in range(4)]
+        assert down == pytest.approx([2.0] * 4)
+        model = world.model
+        felt = [model.geom(n).name for n in np.flatnonzero(model.geom_group == 3).tolist()]
+        assert [name.partition(":")[2].removesuffix(".solid") for name in felt] == [
+            *("floor", "t0", "t1", "t2", "t3"),
+        ]
 
     def test_pictures_keep_their_orientation(self, tmp_path: Path) -> None:
         """The texture coordinate v = 1 is the upper edge of the picture; JPEG becomes PNG (12)."""

@@ -24,7 +24,7 @@ from usarsim_server import __version__
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import publish_folder, read_regular
 
-FORMAT = 5
+FORMAT = 6
 """Raise it when the same map would give another world."""
 
 KEPT = 32

@@ -1,7 +1,8 @@
 """Writes the geometry of a world folder: `scene.xml`, `meshes/`, `solids/`.
 
 Solid pieces are the bulk. MuJoCo adds geoms to one specification in quadratic time, so they go
-into files of a few hundred that the scene attaches to the world body (worlds reference 9.1).
+into files that the scene attaches to the world body (worlds reference 9.1). To attach one, MuJoCo
+goes through all that is there, so files are few.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ from usarsim_maps.build.sheet import safe
 from usarsim_maps.scene import Array
 from usarsim_server.simulation.frames import IDENTITY, Pose
 
-CHUNK = 400
-"""Solid geoms per file."""
+CHUNK = 4000
+"""Solid geoms per file. 20,001 of them, and as many that are seen, are read in 1.6 s; in files of
+400 in 7.3 s, in one in 2.7 s."""
 
 SEEN = {"group": 2, "contype": 0, "conaffinity": 0}
 """Of geoms that are only seen."""
