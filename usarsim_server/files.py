@@ -41,7 +41,7 @@ _KINDS = {
 }
 
 
-def open_regular(path: Path) -> BufferedReader:
+def open_regular(path: Path | str) -> BufferedReader:
     """Open a regular file for reading; never waits.
 
     Raises:

@@ -15,6 +15,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from usarsim_server.errors import UsarsimError, at
 from usarsim_server.files import Folders, is_regular, open_regular, read_regular, reason
@@ -89,8 +90,7 @@ def check_model(path: Path, folders: Folders, error: type[UsarsimError]) -> None
     look.check_files()
 
 
-@dataclass(frozen=True, slots=True)
-class _Element:
+class _Element(NamedTuple):  # which is made faster than a dataclass: scenes have many
     """An element of a file."""
 
     path: Path  # of the file, and where in its text the element is
@@ -113,6 +113,7 @@ class _Look:
     places: set[str] = field(default_factory=set)  # folders that names may be relative to
     named: list[tuple[_Element, str]] = field(default_factory=list)
     seen: set[Path] = field(default_factory=set)
+    admitted: dict[str, bool] = field(default_factory=dict)  # folders that may be read out of
     elements: int = 0
     copies: float = 0.0
 
@@ -129,16 +130,16 @@ class _Look:
             for element in self._elements(path):
                 self._measure(element)
                 for key, value in element.attributes.items():
-                    if key in ("meshdir", "texturedir", "assetdir"):
-                        self.places.add(str(self.home / value))
-                    elif key.startswith("file"):
+                    if key.startswith("file"):
                         self.named.append((element, value))
                         if element.tag in ("include", "model"):
-                            todo += list(self._found(element, value))
+                            todo += map(Path, self._found(element, value))
+                    elif key in ("meshdir", "texturedir", "assetdir"):
+                        self.places.add(str(self.home / value))
 
     def check_files(self) -> None:
         """All files that elements name: where they are, what they are, how large."""
-        known: set[Path] = set()
+        known: set[str] = set()
         total = 0
         for element, name in self.named:
             for path in self._found(element, name):
@@ -164,8 +165,8 @@ class _Look:
                 above = above[:-1] or [1.0]
                 continue
             attributes = {
-                found[1]: html.unescape(found[2] if found[2] is not None else found[3])
-                for found in _ATTRIBUTE.finditer(token["attributes"])
+                key: html.unescape(value or other)
+                for key, value, other in _ATTRIBUTE.findall(token["attributes"])
             }
             element = _Element(path, text, token.start(), tag, attributes, above[-1])
             yield element
@@ -195,8 +196,9 @@ class _Look:
             self._bound(element, "pixels", pixels, 6 * MAX_PIXELS)
         if element.tag == "mesh" and "params" in element.attributes:
             self._bound(element, "params", max(self._numbers(element, "params")), MAX_DETAIL)
-        for key, most in _BOUNDS.items():
-            self._bound(element, key, self._number(element, key, 0.0), most)
+        if not _BOUNDS.keys().isdisjoint(element.attributes):
+            for key, most in _BOUNDS.items():
+                self._bound(element, key, self._number(element, key, 0.0), most)
         if element.tag == "size":
             for key in element.attributes.keys() - {"memory"}:
                 self._bound(element, key, self._number(element, key), 100 * MAX_SLOTS)
@@ -228,7 +230,7 @@ class _Look:
             problem = f"{what}: {value:g} are more than {most}"
             raise self._refuse(element, problem, "write a smaller number")
 
-    def _found(self, element: _Element, name: str) -> Iterator[Path]:
+    def _found(self, element: _Element, name: str) -> Iterator[str]:
         """Files that MuJoCo may mean, whatever the rules of its version; those outside are refused.
 
         Its rules: relative to the main file, in the folder of meshes or textures, without the
@@ -238,38 +240,56 @@ class _Look:
         if _SCHEME.match(name):
             plain = _SCHEME.sub("", name)
             written |= {plain, "/" + plain}
-        texts = {str(Path(text)) for text in written if text}
+        texts = {_tidy(text) for text in written if text}
         places = {str(element.path.parent), *self.places}
         # Strings: of a scene of thousands of meshes, paths would be most of the work.
         for path in sorted({os.path.join(place, text) for place in places for text in texts}):
             if not _there(path):
                 continue
-            refusal = self.folders.refusal(path, element.path)
-            if refusal is not None:
-                raise self._refuse(element, refusal, ALLOW_MODEL)
-            yield Path(os.path.normpath(path))
+            if not self._is_near(path):
+                refusal = self.folders.refusal(path, element.path)
+                if refusal is not None:
+                    raise self._refuse(element, refusal, ALLOW_MODEL)
+            yield os.path.normpath(path)
 
-    def _size(self, element: _Element, path: Path) -> int:
+    def _is_near(self, path: str) -> bool:
+        """Whether something that is no link lies right in a folder out of which may be read."""
+        folder, name = os.path.split(path)
+        if name in ("", ".", "..") or os.path.islink(path):
+            return False
+        admitted = self.admitted.get(folder)
+        if admitted is None:
+            admitted = self.admitted[folder] = self.folders.admit(folder)
+        return admitted
+
+    def _size(self, element: _Element, path: str) -> int:
         """Bytes of a file; what it grows into when it is a picture or a height field is bounded."""
         try:
             with open_regular(path) as file:
                 head = file.read(24) if element.tag in ("texture", "hfield") else b""
                 size = os.fstat(file.fileno()).st_size
         except OSError as cause:
-            problem = f"{path.name} cannot be read: {reason(cause)}"
+            problem = f"{os.path.basename(path)} cannot be read: {reason(cause)}"
             raise self._refuse(element, problem, "name a regular file") from None
         if element.tag in ("texture", "hfield"):
             width, height = 0, 0
             if head.startswith(_PNG) and len(head) >= 24:
                 width, height = struct.unpack_from(">II", head, 16)
-            elif path.suffix.lower() != ".ktx" and len(head) >= 8:
+            elif os.path.splitext(path)[1].lower() != ".ktx" and len(head) >= 8:
                 width, height = struct.unpack_from("<II", head)  # MuJoCo's own formats
             most = MAX_POINTS if element.tag == "hfield" else MAX_PIXELS
-            self._bound(element, f"pixels of {path.name}", float(width) * height, most)
+            name = os.path.basename(path)
+            self._bound(element, f"pixels of {name}", float(width) * height, most)
         return size
 
     def _refuse(self, element: _Element, problem: str, cure: str) -> UsarsimError:
         return self.error(at(element.path, problem, cure, where=element.line))
+
+
+def _tidy(text: str) -> str:
+    """A path without what changes nothing in it."""
+    plain = text[0] != "." and text[-1] != "/" and "//" not in text and "/." not in text
+    return text if plain else str(Path(text))
 
 
 def _there(path: str) -> bool:

@@ -161,6 +161,22 @@ def test_a_scene_has_bounds(folder: Path, name: str) -> None:
         build_scene(load_world(folder))
 
 
+def test_a_link_is_where_it_leads(folder: Path) -> None:
+    """A link in the folder of a world to a file outside is refused, one to a file inside is read;
+    plain files beside them change nothing, nor do roundabout names."""
+    shutil.copy(folder.parent / "secret.obj", folder / "own.obj")
+    (folder / "own link.obj").symlink_to(folder / "own.obj")
+    (folder / "out link.obj").symlink_to(folder.parent / "secret.obj")
+    mesh = "<mesh name='{}' file='{}'/>".format
+    inside = mesh("a", "own.obj") + mesh("b", ".//../hall/own link.obj")
+    put(folder, f"<asset>{inside}</asset>")
+    assert build_scene(load_world(folder)).compile().nmesh == 2
+    for name in ("out link.obj", "./out link.obj"):
+        put(folder, f"<asset>{inside}\n{mesh('c', name)}</asset>")
+        with pytest.raises(WorldError, match=r"scene.xml: line 3: .*out link.obj.* lies outside"):
+            build_scene(load_world(folder))
+
+
 def test_with_leave_files_outside_are_read(folder: Path) -> None:
     """`--allow-outside`; comments, stray signs and escapes in the text do not matter."""
     put(
