@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from pathlib import Path
 
+import mujoco
 import pytest
 
 from usarsim_server import app
-from usarsim_server.errors import UsarsimError
+from usarsim_server.errors import UsarsimError, WorldError
+from usarsim_server.files import data_directory
 from usarsim_server.sessions.session import Session
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.engine import Engine
@@ -29,6 +32,35 @@ def test_a_server_without_physics_does_not_live_on(
     with pytest.raises(UsarsimError, match="the world diverges"):
         app.run(Settings(world="empty", port=0, host="127.0.0.1"))
     assert capsys.readouterr().out.count("READY") <= 1
+
+
+@pytest.mark.parametrize(("sized", "compilations"), [(True, 1), (False, 2)])
+def test_a_scene_is_compiled_once_if_it_says_its_size(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sized: bool, compilations: int
+) -> None:
+    """Else it is compiled to learn its size first; the model has the same size, and a scene that
+    cannot be compiled is an error of one line that names it, either way."""
+    folder = tmp_path / "hall"
+    shutil.copytree(data_directory("worlds") / "empty", folder)
+    given = '<statistic extent="12.5" center="1 2 3"/>' if sized else ""
+    head, ground = '<mujoco model="hall">' + given, '<geom type="plane" size="5 5 1"/>'
+    (folder / "scene.xml").write_text(f"{head}<worldbody>{ground}</worldbody></mujoco>")
+    plain, compiled = mujoco.MjSpec.compile, []
+
+    def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
+        compiled.append(plain(spec))
+        return compiled[-1]
+
+    monkeypatch.setattr(mujoco.MjSpec, "compile", compile)
+    app.assemble(Settings(world=str(folder), port=0)).stop()
+    assert len(compiled) == compilations
+    assert compiled[-1].stat.extent == (12.5 if sized else compiled[0].stat.extent)
+    flat = '<asset>\n<mesh name="flat" vertex="0 0 0 1 0 0 0 1 0 1 1 0"/></asset>'
+    body = f'{ground}<geom type="mesh" mesh="flat"/>'
+    (folder / "scene.xml").write_text(f"{head}{flat}<worldbody>{body}</worldbody></mujoco>")
+    with pytest.raises(WorldError, match=r"scene.xml: line 2: mesh 'flat'") as caught:
+        app.assemble(Settings(world=str(folder), port=0))
+    assert "\n" not in str(caught.value)
 
 
 def test_a_drive_passes_eight_functions(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -50,7 +50,7 @@ from usarsim_server.worlds.machinery.obstacles import operators_of
 from usarsim_server.worlds.objects import bodies as object_classes
 from usarsim_server.worlds.objects.bodies import load_objects
 from usarsim_server.worlds.objects.objects import WorldObjects
-from usarsim_server.worlds.scene import build_scene
+from usarsim_server.worlds.scene import build_scene, scene_error
 from usarsim_server.worlds.surroundings import Surroundings
 
 SWITCH_INTERVAL = 0.0002
@@ -126,19 +126,7 @@ def assemble(settings: Settings) -> Assembly:
     """
     world = load_world(_world_folder(settings.world, settings.allow_outside))
     robot_catalog = load_catalog(settings.robots, allow_outside=settings.allow_outside)
-    scene = build_scene(world, allow_outside=settings.allow_outside)
-    simulation = Simulation(
-        scene.copy,  # of which each growing model is made anew
-        SimulationOptions(
-            physics=PhysicsOptions(timestep=settings.timestep, surfaces=world.surfaces),
-            speed=settings.speed,
-            patience=settings.lockstep_patience or math.inf,
-            max_robots=settings.max_robots,
-            max_things=settings.max_objects,
-            lower=world.lower,
-            upper=world.upper,
-        ),
-    )
+    simulation = _simulation(settings, world)
     surroundings = Surroundings(world)
     operators = operators_of(world.machinery)
     simulation.set_movers((*surroundings.movers, *operators.movers), operators.machines)
@@ -169,6 +157,28 @@ def assemble(settings: Settings) -> Assembly:
         sessions,
     )
     return replace(assembly, services=services_of(assembly))
+
+
+def _simulation(settings: Settings, world: WorldDescription) -> Simulation:
+    """The physics of a world, which compiles its scene.
+
+    Raises:
+        WorldError: if MuJoCo cannot read or compile the scene.
+    """
+    scene = build_scene(world, allow_outside=settings.allow_outside, compiled=False)
+    options = SimulationOptions(
+        physics=PhysicsOptions(timestep=settings.timestep, surfaces=world.surfaces),
+        speed=settings.speed,
+        patience=settings.lockstep_patience or math.inf,
+        max_robots=settings.max_robots,
+        max_things=settings.max_objects,
+        lower=world.lower,
+        upper=world.upper,
+    )
+    try:
+        return Simulation(scene.copy, options)  # each growing model is made anew of a copy
+    except ValueError as error:
+        raise scene_error(world, error) from error
 
 
 def _world_folder(named: str, allow_outside: bool) -> Path:

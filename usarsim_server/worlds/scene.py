@@ -48,7 +48,9 @@ PAINT_HEIGHT = 0.0005
 _LINE = re.compile(r"\bline (?:number=)?(\d+)", re.IGNORECASE)
 
 
-def build_scene(world: WorldDescription, *, allow_outside: bool = False) -> mujoco.MjSpec:
+def build_scene(
+    world: WorldDescription, *, allow_outside: bool = False, compiled: bool = True
+) -> mujoco.MjSpec:
     """Read the scene of a world and put its victims and its machinery in.
 
     The result compiles and knows the box of the world. Its extent and centre are fixed, so that
@@ -58,6 +60,8 @@ def build_scene(world: WorldDescription, *, allow_outside: bool = False) -> mujo
     Args:
         world: whose scene it is.
         allow_outside: it may name files outside the world's folder and the shipped data.
+        compiled: False if the caller compiles it at once, and asks `scene_error` when that fails:
+            then it is compiled here only to learn an extent or a centre that it does not say.
 
     Raises:
         WorldError: if it names files outside, or would grow too large (`model_check`), if MuJoCo
@@ -72,7 +76,7 @@ def build_scene(world: WorldDescription, *, allow_outside: bool = False) -> mujo
     try:
         spec = mujoco.MjSpec.from_file(str(world.scene))
     except (ValueError, OSError) as error:
-        raise _scene_error(world, error) from error
+        raise scene_error(world, error) from error
     _refuse_server_settings(world, spec)
     if not spec.lights:
         _add_light(spec)
@@ -87,12 +91,23 @@ def build_scene(world: WorldDescription, *, allow_outside: bool = False) -> mujo
             if surface.painted:
                 _paint(spec, surface, number)
         add_machinery(spec, world)
-        model = spec.compile()
+        if compiled or math.isnan(spec.stat.extent) or math.isnan(spec.stat.center[0]):
+            model = spec.compile()
+            spec.stat.extent = model.stat.extent
+            spec.stat.center = model.stat.center
     except ValueError as error:
-        raise _scene_error(world, error) from error
-    spec.stat.extent = model.stat.extent
-    spec.stat.center = model.stat.center
+        raise scene_error(world, error) from error
     return spec
+
+
+def scene_error(world: WorldDescription, error: Exception) -> WorldError:
+    """What MuJoCo says of a scene that it cannot read or compile, with file, line and cure."""
+    text = " ".join(str(error).split())
+    line = _LINE.search(text)
+    problem = text.removeprefix("Error: ")
+    cure = "mend the scene; MuJoCo's XML reference lists elements and attributes"
+    where = f"line {line[1]}" if line else None
+    return WorldError(errors.at(world.scene, problem, cure, where=where))
 
 
 def _is_movable(body: mujoco.MjsBody) -> bool:
@@ -138,15 +153,6 @@ def _refusal(world: WorldDescription, problem: str, cure: str, text: str) -> Wor
     """What is wrong with a scene, in the first line that has a text."""
     lines = read_regular(world.scene).decode("utf-8", "replace").splitlines()
     where = next((f"line {n}" for n, line in enumerate(lines, start=1) if text in line), None)
-    return WorldError(errors.at(world.scene, problem, cure, where=where))
-
-
-def _scene_error(world: WorldDescription, error: Exception) -> WorldError:
-    text = " ".join(str(error).split())
-    line = _LINE.search(text)
-    problem = text.removeprefix("Error: ")
-    cure = "mend the scene; MuJoCo's XML reference lists elements and attributes"
-    where = f"line {line[1]}" if line else None
     return WorldError(errors.at(world.scene, problem, cure, where=where))
 
 
