@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import threading
 from pathlib import Path
 
@@ -102,7 +103,7 @@ def test_steps_of_others_are_let_be() -> None:
 
 def test_without_a_compiler_numpy_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is missing where nothing can be compiled."""
-    monkeypatch.setattr(native.shutil, "which", lambda _: None)
+    monkeypatch.setattr(shutil, "which", lambda _: None)
     monkeypatch.setattr(native, "library", native.library.__wrapped__)
     assert native.library() == (None, "no C compiler (cc)")
     engine = engine_with((0.0, 0.0))
@@ -115,7 +116,7 @@ def test_a_compiler_that_fails_is_one_reason(
 ) -> None:
     """Whatever it leaves behind is taken away."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(native.shutil, "which", lambda _: "/bin/false")
+    monkeypatch.setattr(shutil, "which", lambda _: "/bin/false")
     code, reason = native.library.__wrapped__()
     assert code is None
     assert "/bin/false" in reason
@@ -127,7 +128,7 @@ def test_a_folder_that_others_write_to_is_not_used(
 ) -> None:
     """No code is loaded that somebody else may have put there."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(native.shutil, "which", lambda _: "/bin/false")
+    monkeypatch.setattr(shutil, "which", lambda _: "/bin/false")
     folder = tmp_path / "usarsim" / "steps"
     folder.mkdir(parents=True)
     folder.chmod(0o777)

@@ -12,27 +12,17 @@ leaves alone: those of other threads, of other states, of other users of MuJoCo.
 from __future__ import annotations
 
 import ctypes
-import hashlib
-import os
-import platform
-import shutil
-import subprocess
-import tempfile
 from functools import cache
 from pathlib import Path
-from stat import S_ISDIR
 
 import mujoco
 import numpy as np
 
 from usarsim_server.logs import Log
+from usarsim_server.simulation.native.compiling import load
 from usarsim_server.simulation.servos import HOLD_GAIN, HOLD_SPEED, WheelServos
 
 SOURCE = Path(__file__).with_name("steps.c")
-OPTIONS = ("-O2", "-fPIC", "-shared", "-ffp-contract=off")
-"""Without contraction: a product and a sum are rounded one after the other, as numpy does it."""
-COMPILING = 30.0
-"""s of wall time after which the compiler counts as lost."""
 
 _NUMBERS = ("target", "increment", "decrement", "delay", "setpoint", "idle", "hold", "shift")
 _ARRAYS = {**dict.fromkeys(_NUMBERS, "f8"), "engaged": "?", "angles": "i8", "dofs": "i8"}
@@ -55,7 +45,7 @@ class NativeSteps:
     """Steps of one model generation, for batches in which nothing but wheels and contacts works."""
 
     def __init__(
-        self, code: ctypes.PyDLL, wheels: WheelServos, timestep: float, compensation: bool
+        self, code: ctypes.CDLL, wheels: WheelServos, timestep: float, compensation: bool
     ) -> None:
         """Look up where the servos keep their numbers.
 
@@ -106,47 +96,17 @@ def native_steps(wheels: WheelServos, timestep: float, compensation: bool) -> Na
 
 
 @cache
-def library() -> tuple[ctypes.PyDLL | None, str]:
+def library() -> tuple[ctypes.CDLL | None, str]:
     """The compiled code; or None, and why it cannot be had."""
-    if os.environ.get("USARSIM_NATIVE") == "0":
-        return None, "USARSIM_NATIVE is 0"
+    root = Path(mujoco.__file__).parent
+    engine = next((one for one in sorted(root.glob("libmujoco*")) if one.is_file()), None)
     try:
-        code = ctypes.PyDLL(str(_compiled()))
+        if engine is None or not hasattr(mujoco.MjData, "_address"):
+            raise OSError("not for this system, or this version of MuJoCo")
+        code = load(ctypes.PyDLL, SOURCE, f"-I{root / 'include'}", str(engine))
         code.enter.argtypes, code.enter.restype = (ctypes.c_void_p,), ctypes.c_int
-    except (OSError, RuntimeError, AttributeError, subprocess.SubprocessError) as error:
+    except (OSError, AttributeError) as error:
         reason = str(error)
         _log.info("steps are not compiled; numpy does the same, slower", reason=reason)
         return None, reason
     return code, ""
-
-
-def _compiled() -> Path:
-    """The file of the compiled code, made if it is not there yet.
-
-    Raises:
-        OSError, RuntimeError, subprocess.SubprocessError: if it cannot be had.
-    """
-    root = Path(mujoco.__file__).parent
-    engine = next((one for one in sorted(root.glob("libmujoco*")) if one.is_file()), None)
-    compiler = shutil.which("cc")
-    if os.name != "posix" or engine is None or not hasattr(mujoco.MjData, "_address"):
-        raise OSError("not for this system, or this version of MuJoCo")
-    if compiler is None:
-        raise OSError("no C compiler (cc)")
-    made_of = (SOURCE.read_bytes(), *(str(one).encode() for one in (OPTIONS, engine, compiler)))
-    name = hashlib.sha256(b"|".join((*made_of, platform.machine().encode()))).hexdigest()[:16]
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "usarsim", "steps")
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    state = folder.lstat()
-    if not S_ISDIR(state.st_mode) or state.st_uid != os.getuid() or state.st_mode & 0o022:
-        raise OSError(f"{folder}: others may write there")
-    file = folder / f"{name}.so"
-    if not file.exists():
-        with tempfile.TemporaryDirectory(dir=folder) as made:
-            target = Path(made, file.name)
-            words = (compiler, *OPTIONS, f"-I{root / 'include'}", str(SOURCE), str(engine))
-            subprocess.run(
-                (*words, "-o", str(target)), check=True, capture_output=True, timeout=COMPILING
-            )
-            target.replace(file)  # whole or not at all, whoever else does the same
-    return file
