@@ -10,7 +10,7 @@ from usarsim_server.simulation.objects import Names
 from usarsim_server.simulation.rays.moving import DynamicGeometry
 from usarsim_server.simulation.rays.query import PendingReport, RayBatch, RayFan, RayHits, join
 from usarsim_server.simulation.rays.scenery import StaticGeometry
-from usarsim_server.simulation.rays.triangles import Surfaces
+from usarsim_server.simulation.rays.triangles import Surfaces, products
 from usarsim_server.simulation.snapshot import Snapshot
 
 
@@ -104,7 +104,7 @@ def _cut(batch: RayBatch, surfaces: Surfaces, names: Names | None) -> list[RayHi
     distances = np.where(missed, np.inf, surfaces.distances)
     normals = surfaces.normals
     if normals is not None:
-        away = np.einsum("ij,ij->i", normals, batch.directions) > 0.0
+        away = products(normals, batch.directions) > 0.0
         sign = np.where(missed, 0.0, np.where(away, -1.0, 1.0))
         normals = normals * sign[:, None]
     begins = batch.begins.tolist()

@@ -33,6 +33,7 @@ from usarsim_server.simulation.rays.triangles import (
     TriangleScene,
     shape_key,
     triangles,
+    turned_back,
 )
 from usarsim_server.simulation.snapshot import Snapshot
 
@@ -324,11 +325,10 @@ class DynamicGeometry:
             scenes = np.where(batch.through_glass[rays], self._clear[bodies], scenes)
         order = np.argsort(scenes, kind="stable")  # one scene after the other
         rays, bodies = rays[order], bodies[order]
-        # Column by column, which is several times as fast as by rows of three.
         turns = moment.turns.reshape(-1, 9).T.take(bodies, axis=1).reshape(3, 3, -1)
         offset = batch.origins.take(rays, axis=0) - moment.places.take(bodies, axis=0)
-        starts = _turned_back(turns, offset)
-        ways = _turned_back(turns, batch.directions.take(rays, axis=0))
+        starts = turned_back(turns, offset)
+        ways = turned_back(turns, batch.directions.take(rays, axis=0))
         distances, parts = np.empty(len(rays)), np.empty(len(rays), dtype=np.intp)
         facing = np.zeros((len(rays), 3)) if normals else None
         ends = np.cumsum(np.bincount(scenes, minlength=len(self._scene_list))).tolist()
@@ -342,17 +342,8 @@ class DynamicGeometry:
                 hits.geoms < 0, -1, hits.geoms + self._geom_begin[bodies[some]]
             )
             if facing is not None and hits.normals is not None:
-                facing[order[some]] = np.einsum("ijk,kj->ki", turns[:, :, some], hits.normals)
+                facing[order[some]] = turned_back(turns[:, :, some].swapaxes(0, 1), hits.normals)
         return distances, np.where(parts < 0, -1, self._geoms.take(parts, mode="wrap")), facing
-
-
-def _turned_back(turns: Array, vectors: Array) -> Array:
-    """Vectors (k, 3) of the world in the frames (3, 3, k) of bodies."""
-    x, y, z = vectors.T
-    found = np.empty_like(vectors)
-    for axis, (a, b, c) in enumerate(turns.transpose(1, 0, 2)):
-        found[:, axis] = x * a + y * b + z * c
-    return found
 
 
 def _nowhere(count: int, normals: bool) -> Surfaces:

@@ -13,7 +13,7 @@ from usarsim_server.simulation.frames import Array
 from usarsim_server.simulation.model import SHELF_NAME, CompiledWorld
 from usarsim_server.simulation.objects import Names, geom_names
 from usarsim_server.simulation.rays.query import SceneryHit
-from usarsim_server.simulation.rays.triangles import Surfaces, TriangleScene, triangles
+from usarsim_server.simulation.rays.triangles import Surfaces, TriangleScene, products, triangles
 
 SEEN_GROUPS = 3
 """Geoms of groups 0 to 2 are seen, as by MuJoCo's renderers; the others only collide."""
@@ -127,9 +127,9 @@ def is_glass(model: mujoco.MjModel, geom: int) -> bool:
 
 def _meet(plane: _Plane, origins: Array, directions: Array, surfaces: Surfaces) -> None:
     """Let rays end at a plane where it is nearer than what they have met; seen from above only."""
-    slope = directions @ plane.normal
+    slope = products(directions, plane.normal)
     with np.errstate(divide="ignore", invalid="ignore"):
-        way = (plane.offset - origins @ plane.normal) / slope
+        way = (plane.offset - products(origins, plane.normal)) / slope
     nearer = (way >= 0.0) & (way < surfaces.distances) & (slope < 0.0)
     surfaces.distances[nearer] = way[nearer]
     surfaces.geoms[nearer] = plane.geom

@@ -165,18 +165,35 @@ def _round_off(
 ) -> None:
     """Move hits on facets, which lie inside a round surface, out to where the ray meets it."""
     # In a frame where the surface is the unit sphere.
-    start = (origins[rays] - shape.centre) @ shape.turn / shape.axes
-    way = directions[rays] @ shape.turn / shape.axes
-    a = np.einsum("ij,ij->i", way, way)
-    b = np.einsum("ij,ij->i", start, way)
-    c = np.einsum("ij,ij->i", start, start) - 1.0
+    start = turned_back(shape.turn, origins[rays] - shape.centre) / shape.axes
+    way = turned_back(shape.turn, directions[rays]) / shape.axes
+    a, b, c = products(way, way), products(start, way), products(start, start) - 1.0
     root = np.sqrt(np.maximum(b * b - a * c, 0.0))
     near, far = (-b - root) / a, (-b + root) / a
     distance = np.where(near >= 0.0, near, far)
     hits.distances[rays] = distance
     if hits.normals is not None:
-        outward = (start + distance[:, None] * way) / shape.axes @ shape.turn.T
-        hits.normals[rays] = outward / np.linalg.norm(outward, axis=1)[:, None]
+        outward = turned_back(shape.turn.T, (start + distance[:, None] * way) / shape.axes)
+        hits.normals[rays] = outward / np.sqrt(products(outward, outward))[:, None]
+
+
+def products(vectors: Array, others: Array) -> Array:
+    """Scalar products (k,) of vectors (k, 3) with as many others, or with one (3,).
+
+    Unlike those of a matrix they are rounded alike in every batch, and on every processor.
+    """
+    (x, y, z), (a, b, c) = vectors.T, others.T
+    answer: Array = x * a + y * b + z * c
+    return answer
+
+
+def turned_back(turn: Array, vectors: Array) -> Array:
+    """Vectors (k, 3) in frames that are turned by a matrix (3, 3), or by as many (3, 3, k)."""
+    # Column by column, which is several times as fast as by rows of three.
+    found = np.empty_like(vectors)
+    for axis in range(3):
+        found[:, axis] = products(vectors, turn[:, axis].T)
+    return found
 
 
 def triangles(
