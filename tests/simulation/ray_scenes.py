@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from sim_fakes import Geom
+from sim_fakes import Geom, robot_model
 
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.model import SHELF_NAME, CompiledWorld
@@ -95,6 +95,23 @@ def random_fans(
         origin = dice.uniform(-6.0, 6.0, 3) + np.array([0.0, 0.0, 6.5])
         fans.append(RayFan(origin, directions, reach, normals=True))
     return fans
+
+
+def arm_robot() -> mujoco.MjSpec:
+    """The test robot with an arm of two links and a lift, folded on its back."""
+    spec = robot_model().build()
+    shoulder = spec.body("base").add_body(name="shoulder", pos=[0.0, 0.0, 0.1])
+    shoulder.add_joint(name="shoulder", axis=[0.0, 1.0, 0.0], pos=[0.4, 0.0, 0.0])
+    shoulder.add_geom(type=Geom.mjGEOM_CAPSULE, fromto=[0, 0, 0, -0.3, 0, 0], size=[0.02, 0, 0])
+    elbow = shoulder.add_body(name="elbow", pos=[-0.3, 0.0, 0.0])
+    elbow.add_joint(name="elbow", axis=[0.0, 1.0, 0.0])
+    elbow.add_geom(type=Geom.mjGEOM_CAPSULE, fromto=[0, 0, 0, 0.3, 0, 0], size=[0.02, 0, 0])
+    lift = elbow.add_body(name="lift", pos=[0.3, 0.0, 0.0])
+    lift.add_joint(
+        name="lift", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0], range=[0.0, 0.8], limited=1
+    )
+    lift.add_geom(type=Geom.mjGEOM_BOX, size=[0.1, 0.02, 0.02])
+    return spec
 
 
 class Reference:

@@ -13,6 +13,7 @@ import pytest
 from ray_scenes import Caster, add_meshes, add_shape, random_fans
 from sim_fakes import Geom, engine_with
 
+from usarsim_server.simulation.rays import cast as casting
 from usarsim_server.simulation.rays import instances
 from usarsim_server.simulation.rays import moving as moving_geometry
 from usarsim_server.simulation.rays.instances import PlacedBodies, device, library
@@ -60,6 +61,7 @@ class TestOneScene:
             ways = things[number % len(things)] - fan.origin + 0.3 * fan.directions
             ways /= np.linalg.norm(ways, axis=1)[:, None]
             fans.append(replace(fan, directions=ways, max_range=6.0 + number % 7, **looks))
+        monkeypatch.setattr(casting, "ray_code", lambda: None)
         monkeypatch.setattr(moving_geometry, "MANY_PAIRS", 0)
         at_once = [Caster(engine).at(snapshot, *fans, robot=robot) for robot in (None, 1)]
         monkeypatch.setattr(moving_geometry, "library", lambda: None)

@@ -13,6 +13,7 @@ from ray_scenes import (
     Caster,
     add_meshes,
     add_shape,
+    arm_robot,
     check_against_reference,
     narrow_fans,
     ray,
@@ -35,6 +36,7 @@ from sim_fakes import (
 
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.model import PhysicsOptions
+from usarsim_server.simulation.rays import cast as casting
 from usarsim_server.simulation.rays import moving as moving_geometry
 from usarsim_server.simulation.rays.culling import Spheres
 from usarsim_server.simulation.rays.moving import DynamicGeometry
@@ -42,23 +44,6 @@ from usarsim_server.simulation.rays.query import RayBatch, RayFan, RayHits, join
 from usarsim_server.simulation.snapshot import Snapshot
 
 Array = NDArray[np.float64]
-
-
-def arm_robot() -> mujoco.MjSpec:
-    """The test robot with an arm of two links and a lift, folded on its back."""
-    spec = robot_model().build()
-    shoulder = spec.body("base").add_body(name="shoulder", pos=[0.0, 0.0, 0.1])
-    shoulder.add_joint(name="shoulder", axis=[0.0, 1.0, 0.0], pos=[0.4, 0.0, 0.0])
-    shoulder.add_geom(type=Geom.mjGEOM_CAPSULE, fromto=[0, 0, 0, -0.3, 0, 0], size=[0.02, 0, 0])
-    elbow = shoulder.add_body(name="elbow", pos=[-0.3, 0.0, 0.0])
-    elbow.add_joint(name="elbow", axis=[0.0, 1.0, 0.0])
-    elbow.add_geom(type=Geom.mjGEOM_CAPSULE, fromto=[0, 0, 0, 0.3, 0, 0], size=[0.02, 0, 0])
-    lift = elbow.add_body(name="lift", pos=[0.3, 0.0, 0.0])
-    lift.add_joint(
-        name="lift", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0], range=[0.0, 0.8], limited=1
-    )
-    lift.add_geom(type=Geom.mjGEOM_BOX, size=[0.1, 0.02, 0.02])
-    return spec
 
 
 def every_pair(
@@ -240,12 +225,11 @@ class TestCulling:
     @pytest.mark.parametrize("seed", range(4))
     def test_never_drops_a_hit(self, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
         """Without culling of fans and rays answers are the same, for random poses and joints, and
-        also where Embree holds all bodies at once."""
+        also by compiled code."""
         dice = np.random.default_rng(seed)
         model = replace(ROBOT, build=arm_robot)
         engine = engine_with(*[(2.0 * k, 0.0) for k in range(6)], model=model, scenery=yard)
         caster = Caster(engine)
-        monkeypatch.setattr(moving_geometry, "MANY_PAIRS", 0)
         hits = 0
         for _ in range(12):
             for layout in engine.snapshot().layouts.values():
@@ -261,6 +245,7 @@ class TestCulling:
             own = int(dice.integers(0, 6))
             at_once = caster.at(snapshot, *fans, robot=own)
             with monkeypatch.context() as patch:
+                patch.setattr(casting, "ray_code", lambda: None)
                 patch.setattr(moving_geometry, "library", lambda: None)
                 snapshot = engine.snapshot()
                 with_culling = caster.at(snapshot, *fans, robot=own)

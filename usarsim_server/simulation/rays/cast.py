@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from usarsim_server.simulation.objects import Names
+from usarsim_server.simulation.frames import Numbers
+from usarsim_server.simulation.rays.compiled import NOTHING_MOVES, ray_code
 from usarsim_server.simulation.rays.moving import DynamicGeometry
 from usarsim_server.simulation.rays.query import PendingReport, RayBatch, RayFan, RayHits, join
 from usarsim_server.simulation.rays.scenery import StaticGeometry
@@ -51,14 +52,22 @@ def _answer(
     static: StaticGeometry,
     dynamic: DynamicGeometry | None,
 ) -> list[RayHits]:
-    full = [number for number, fan in enumerate(fans) if len(fan.directions)]
-    if not full:
-        return [_nothing(fan) for fan in fans]
-    if len(full) < len(fans):
-        viewers = [viewers[number] for number in full]
-    batch = join([fans[number] for number in full])
-    found = iter(_cut(batch, *_meet(batch, viewers, snapshot, static, dynamic)))
-    return [next(found) if len(fan.directions) else _nothing(fan) for fan in fans]
+    if not fans:
+        return []
+    batch, code = join(fans), ray_code()
+    if code is None:
+        met = _meet(batch, viewers, snapshot, static, dynamic)
+    elif dynamic is None or snapshot is None:
+        met = code.cast(batch, static.record, *NOTHING_MOVES)
+    else:
+        met = code.cast(batch, static.record, *dynamic.at(snapshot, viewers))
+    begins = batch.begins.tolist()
+    answers = []
+    for fan, begin, end in zip(fans, begins, begins[1:], strict=False):
+        facing = met.normals[begin:end] if fan.normals and met.normals is not None else None
+        called = _names(met.geoms[begin:end], static, dynamic) if fan.identify else None
+        answers.append(RayHits(met.distances[begin:end], facing, called))
+    return answers
 
 
 def _meet(
@@ -67,61 +76,51 @@ def _meet(
     snapshot: Snapshot | None,
     static: StaticGeometry,
     dynamic: DynamicGeometry | None,
-) -> tuple[Surfaces, Names | None]:
-    """What all rays meet first, at any distance, and the names (n,) of it if any fan asks."""
-    normals = any(fan.normals for fan in batch.fans)
+) -> Surfaces:
+    """What all rays meet first within their ranges, by numpy; of what moves -2 - geom."""
+    normals = bool(batch.facing.any())
+    full = np.flatnonzero(np.diff(batch.begins)).tolist()
+    if not full:
+        return Surfaces(np.zeros(0), np.zeros(0, dtype=np.intp), np.zeros((0, 3)))
+    if len(full) < len(batch.fans):  # fans without rays have no cones
+        batch, viewers = join([batch.fans[fan] for fan in full]), [viewers[fan] for fan in full]
     moving, reach = None, batch.ranges
     if dynamic is not None and snapshot is not None:
         moving = dynamic.cast_at_once(batch, snapshot, viewers, normals=normals)
     if moving is not None:
         reach = np.minimum(reach, moving.distances)
-    fixed = static.cast(
+    met = static.cast(
         batch.origins,
         batch.directions,
         normals=normals,
         through_glass=batch.through_glass,
         reach=reach,
     )
-    names = static.names[fixed.geoms] if any(fan.identify for fan in batch.fans) else None
-    if dynamic is None or snapshot is None:
-        return fixed, names
-    if moving is None:
-        reach = np.minimum(fixed.distances, reach)
-        moving = dynamic.cast(batch, snapshot, viewers, reach, normals=normals)
-    if moving is not None:
-        nearer = np.flatnonzero(moving.distances < fixed.distances)
-        fixed.distances[nearer] = moving.distances[nearer]
-        if names is not None:
-            names[nearer] = dynamic.objects.names[moving.geoms[nearer]]
-        if fixed.normals is not None and moving.normals is not None:
-            fixed.normals[nearer] = moving.normals[nearer]
-    return fixed, names
-
-
-def _cut(batch: RayBatch, surfaces: Surfaces, names: Names | None) -> list[RayHits]:
-    """The answer to each fan: hits within its range, and of them what it asked for."""
-    missed = surfaces.distances > batch.ranges
-    distances = np.where(missed, np.inf, surfaces.distances)
-    normals = surfaces.normals
-    if normals is not None:
-        away = products(normals, batch.directions) > 0.0
+    if dynamic is not None and snapshot is not None:
+        if moving is None:
+            reach = np.minimum(met.distances, reach)
+            moving = dynamic.cast(batch, snapshot, viewers, reach, normals=normals)
+        if moving is not None:
+            nearer = np.flatnonzero(moving.distances < met.distances)
+            met.distances[nearer] = moving.distances[nearer]
+            met.geoms[nearer] = -2 - moving.geoms[nearer]
+            if met.normals is not None and moving.normals is not None:
+                met.normals[nearer] = moving.normals[nearer]
+    missed = met.distances > batch.ranges
+    met.distances[missed], met.geoms[missed] = np.inf, -1
+    if met.normals is not None:
+        away = products(met.normals, batch.directions) > 0.0
         sign = np.where(missed, 0.0, np.where(away, -1.0, 1.0))
-        normals = normals * sign[:, None]
-    begins = batch.begins.tolist()
-    answers = []
-    for fan, begin, end in zip(batch.fans, begins, begins[1:], strict=False):
-        part = slice(begin, end)
-        facing = normals[part] if fan.normals and normals is not None else None
-        called = None
-        if fan.identify and names is not None:
-            names[part][missed[part]] = None
-            called = tuple(names[part].tolist())
-        answers.append(RayHits(distances[part], facing, called))
-    return answers
+        np.multiply(met.normals, sign[:, None], out=met.normals)
+    return met
 
 
-def _nothing(fan: RayFan) -> RayHits:
-    """The answer to a fan without rays."""
-    return RayHits(
-        np.zeros(0), np.zeros((0, 3)) if fan.normals else None, () if fan.identify else None
-    )
+def _names(
+    met: Numbers, static: StaticGeometry, dynamic: DynamicGeometry | None
+) -> tuple[str | None, ...]:
+    """Names of what was met."""
+    names = static.names[np.maximum(met, -1)]
+    if dynamic is not None:
+        moving = met < -1
+        names[moving] = dynamic.objects.names[-2 - met[moving]]
+    return tuple(names.tolist())

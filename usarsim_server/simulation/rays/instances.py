@@ -42,6 +42,7 @@ _SIGNATURES = {
     "rtcReleaseGeometry": (None, c_void_p),
     "rtcCommitScene": (None, c_void_p),
     "rtcReleaseScene": (None, c_void_p),
+    "rtcIntersect1": (None, c_void_p, c_void_p, c_void_p),
     "rtcIntersect16": (None, c_void_p, c_void_p, c_void_p, c_void_p),
 }
 """Result and arguments of what is called of Embree 4."""
@@ -82,12 +83,12 @@ def library() -> ctypes.PyDLL | None:
         return None
     if c_size_t.from_address(id(scene) + head + 16).value != id(device()):
         return None
-    version = embree.rtcGetDeviceProperty(_handle(device()), _VERSION)
-    masks = embree.rtcGetDeviceProperty(_handle(device()), _MASKS_SUPPORTED)
+    version = embree.rtcGetDeviceProperty(handle(device()), _VERSION)
+    masks = embree.rtcGetDeviceProperty(handle(device()), _MASKS_SUPPORTED)
     return embree if version // 10000 == 4 and masks else None
 
 
-def _handle(of: rtcore_scene.EmbreeScene | rtcore.EmbreeDevice) -> int | None:
+def handle(of: rtcore_scene.EmbreeScene | rtcore.EmbreeDevice) -> int | None:
     """Embree's own scene or device behind that of `embreex`."""
     return c_void_p.from_address(id(of) + object.__basicsize__).value
 
@@ -106,7 +107,7 @@ def add_mesh(scene: rtcore_scene.EmbreeScene, faces: NDArray[np.float32]) -> Non
         return
     corners = np.ascontiguousarray(faces, np.float32)
     numbers = np.arange(3 * len(corners), dtype=np.uint32)
-    mesh = embree.rtcNewGeometry(_handle(device()), _TRIANGLES)
+    mesh = embree.rtcNewGeometry(handle(device()), _TRIANGLES)
     for kind, values, count in (
         (_CORNERS, corners, 3 * len(corners)),
         (_CORNERS_OF_FACES, numbers, len(corners)),
@@ -118,7 +119,7 @@ def add_mesh(scene: rtcore_scene.EmbreeScene, faces: NDArray[np.float32]) -> Non
         ctypes.memmove(room, values.ctypes.data, values.nbytes)
     embree.rtcSetGeometryMask(mesh, _EVERY_BIT)
     embree.rtcCommitGeometry(mesh)
-    embree.rtcAttachGeometryByID(_handle(scene), mesh, 0)
+    embree.rtcAttachGeometryByID(handle(scene), mesh, 0)
     embree.rtcReleaseGeometry(mesh)
 
 
@@ -150,7 +151,7 @@ class PlacedBodies:
         self._columns = np.full((len(bodies), 4, 3), np.nan, np.float32)
         """Where each stands, as Embree was told last: axes of its frame, and its origin."""
         self._room = _aligned(0)
-        owner = _handle(device())
+        owner = handle(device())
         team = np.unique(robots[robots >= 0])
         self._tops = [embree.rtcNewScene(owner) for _ in range(max(1, -(-len(team) // ROBOTS)))]
         # What rays see that do not see a robot, in each of these scenes; the last of all sees all.
@@ -168,7 +169,7 @@ class PlacedBodies:
                 continue
             top = self._tops[max(rank, 0) // ROBOTS]
             instance = embree.rtcNewGeometry(owner, _INSTANCE)
-            embree.rtcSetGeometryInstancedScene(instance, _handle(scene))
+            embree.rtcSetGeometryInstancedScene(instance, handle(scene))
             embree.rtcSetGeometryMask(instance, _EVERY_BIT if rank < 0 else 1 << rank % ROBOTS)
             embree.rtcAttachGeometryByID(top, instance, body)
             embree.rtcReleaseGeometry(instance)  # from now on the scene keeps it

@@ -13,7 +13,9 @@ from __future__ import annotations
 import threading
 import weakref
 from collections.abc import Mapping
+from ctypes import addressof
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -26,6 +28,7 @@ from usarsim_server.simulation.rays.culling import Spheres, bounding_spheres, me
 from usarsim_server.simulation.rays.groups import RigidGroup, rigid_groups
 from usarsim_server.simulation.rays.instances import PlacedBodies, library
 from usarsim_server.simulation.rays.query import RayBatch, join
+from usarsim_server.simulation.rays.records import MovingRecord
 from usarsim_server.simulation.rays.scenery import is_glass, is_visible
 from usarsim_server.simulation.rays.triangles import (
     RoundPart,
@@ -68,6 +71,8 @@ class _Moment:
     bodies, in the world, m."""
     places: Array
     centres: Array
+    record: MovingRecord | None = None
+    """The same for compiled code, once that has asked."""
 
 
 class DynamicGeometry:
@@ -177,6 +182,29 @@ class DynamicGeometry:
             found.put(part, hits or _nowhere(len(part), normals))
         return found
 
+    def at(self, snapshot: Snapshot, viewers: list[int | None]) -> tuple[MovingRecord, Numbers]:
+        """Everything that moves, for compiled code, and which tree there each fan (f,) does not
+        see."""
+        moment = self._at(snapshot)
+        if moment.record is None:
+            full, clear = self._records
+            moment.record = MovingRecord(
+                trees=len(moment.trees),
+                centres=moment.spheres.centres,
+                radii=moment.spheres.radii,
+                first=self._first[moment.trees],
+                count=self._count[moment.trees],
+                turns=moment.turns,
+                places=moment.places,
+                middles=moment.centres,
+                spans=self._spans,
+                full=full,
+                clear=clear,
+                geoms=self._geoms,
+                geom_begins=self._geom_begin,
+            )
+        return moment.record, self._own(snapshot, moment, viewers)
+
     # -- what there is -----------------------------------------------------------------------
 
     def _visible_bodies(self, model: mujoco.MjModel, older: DynamicGeometry | None) -> list[_Body]:
@@ -211,6 +239,12 @@ class DynamicGeometry:
         shown = {id(scene) for one in bodies for scene in (one.full, one.clear)}
         self._scenes = {key: one for key, one in older._scenes.items() if id(one) in shown}
         return bodies, first, older._scenes
+
+    @cached_property
+    def _records(self) -> list[Numbers]:
+        """Addresses of the scenes of all visible bodies for compiled code, full and clear."""
+        scenes = [addressof(scene.record) for scene in self._scene_list]
+        return [np.array(scenes, dtype=np.intp)[which] for which in (self._full, self._clear)]
 
     def _scene(
         self,

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,27 +73,51 @@ class RayBatch:
     """The rays of f fans, one after the other.
 
     Attributes:
-        fans: the fans, none of them without rays.
-        origins: (n, 3) m. directions: (n, 3) unit vectors.
+        fans: the fans.
+        points: (p, 3) where rays start, m: one point for all rays of a fan, or one for each.
+        point_begins: (f + 1,) where the points of each fan begin; p at the end.
+        directions: (n, 3) unit vectors.
         begins: (f + 1,) where the rays of each fan begin; n at the end.
-        fan: (n,) the fan of each ray.
     """
 
     fans: Sequence[RayFan]
-    origins: Array
+    points: Array
+    point_begins: Numbers
     directions: Array
     begins: Numbers
-    fan: Numbers
+
+    @cached_property
+    def fan(self) -> Numbers:
+        """The fan (n,) of each ray."""
+        return np.repeat(np.arange(len(self.fans)), np.diff(self.begins))
+
+    @cached_property
+    def origins(self) -> Array:
+        """Where each ray starts (n, 3), m."""
+        within = np.arange(len(self.directions)) - self.begins[self.fan]
+        within[self.together[self.fan]] = 0
+        return self.points[self.point_begins[self.fan] + within]
+
+    @cached_property
+    def fan_ranges(self) -> Array:
+        """Largest distance (f,) that counts as a hit for the rays of each fan, m."""
+        return np.array([fan.max_range for fan in self.fans], dtype=np.float64)
 
     @cached_property
     def ranges(self) -> Array:
-        """Largest distance (n,) that counts as a hit, m."""
-        return np.array([fan.max_range for fan in self.fans])[self.fan]
+        """The same of each ray (n,)."""
+        return self.fan_ranges[self.fan]
+
+    @cached_property
+    def facing(self) -> NDArray[np.bool_]:
+        """Which fans (f,) ask for normals."""
+        return np.array([fan.normals for fan in self.fans], dtype=bool)
 
     @cached_property
     def together(self) -> NDArray[np.bool_]:
         """Which fans (f,) have one start point for all their rays."""
-        return np.array([fan.origin.ndim == 1 for fan in self.fans], dtype=bool)
+        answer: NDArray[np.bool_] = np.diff(self.point_begins) == 1
+        return answer
 
     @cached_property
     def starts(self) -> tuple[Array, Array]:
@@ -107,7 +132,7 @@ class RayBatch:
 
     @cached_property
     def cones(self) -> tuple[Array, Array]:
-        """Axis (f, 3) and half angle (f,) of a cone around the rays of each fan."""
+        """Axis (f, 3) and half angle (f,) of a cone around the rays of each fan; all have rays."""
         begins = self.begins[:-1]
         means = np.add.reduceat(self.directions, begins, axis=0)
         means /= np.diff(self.begins)[:, None]
@@ -121,20 +146,29 @@ class RayBatch:
         return axes, half
 
     @cached_property
+    def fans_through_glass(self) -> NDArray[np.bool_]:
+        """Which fans (f,) do not see glass."""
+        return np.array([fan.through_glass for fan in self.fans], dtype=bool)
+
+    @cached_property
     def through_glass(self) -> NDArray[np.bool_] | None:
         """Which rays (n,) do not see glass; None if all of them do."""
-        through = np.array([fan.through_glass for fan in self.fans], dtype=bool)
-        return through[self.fan] if through.any() else None
+        return self.fans_through_glass[self.fan] if self.fans_through_glass.any() else None
 
 
 def join(fans: Sequence[RayFan]) -> RayBatch:
-    """Put fans together; there must be at least one, and each must have rays."""
-    counts = np.array([len(fan.directions) for fan in fans], dtype=np.intp)
-    begins = np.zeros(len(fans) + 1, dtype=np.intp)
-    np.cumsum(counts, out=begins[1:])
-    directions = np.concatenate([fan.directions for fan in fans])
-    origins = np.empty_like(directions)
-    places = begins.tolist()
-    for fan, begin, end in zip(fans, places, places[1:], strict=False):
-        origins[begin:end] = fan.origin
-    return RayBatch(fans, origins, directions, begins, np.repeat(np.arange(len(fans)), counts))
+    """Put fans together; there must be at least one."""
+    points = [fan.origin if fan.origin.ndim == 1 else fan.origin.ravel() for fan in fans]
+    ways = [fan.directions for fan in fans]
+    return RayBatch(
+        fans,
+        np.concatenate(points).reshape(-1, 3),
+        _begins(points) // 3,
+        np.concatenate(ways),
+        _begins(ways),
+    )
+
+
+def _begins(parts: Sequence[Array]) -> Numbers:
+    """Where each of some arrays begins in all of them put together; at the end, where they end."""
+    return np.array([0, *accumulate(map(len, parts))], dtype=np.intp)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -13,6 +14,7 @@ from usarsim_server.simulation.frames import Array
 from usarsim_server.simulation.model import SHELF_NAME, CompiledWorld
 from usarsim_server.simulation.objects import Names, geom_names
 from usarsim_server.simulation.rays.query import SceneryHit
+from usarsim_server.simulation.rays.records import FixedRecord
 from usarsim_server.simulation.rays.triangles import Surfaces, TriangleScene, products, triangles
 
 SEEN_GROUPS = 3
@@ -57,6 +59,17 @@ class StaticGeometry:
                 (glass if is_glass(model, geom) else solid).append(part)
         self._full = TriangleScene([*solid, *glass])
         self._clear = TriangleScene(solid) if glass else self._full
+
+    @cached_property
+    def record(self) -> FixedRecord:
+        """The same for compiled code."""
+        return FixedRecord(
+            full=self._full.record,
+            clear=self._clear.record,
+            count=len(self._planes),
+            planes=np.array([[*plane.normal, plane.offset] for plane in self._planes]),
+            geoms=np.array([plane.geom for plane in self._planes], dtype=np.intp),
+        )
 
     def cast(
         self,

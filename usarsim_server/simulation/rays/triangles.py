@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -17,7 +18,8 @@ from embreex import rtcore_scene
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.frames import Array, Numbers
-from usarsim_server.simulation.rays.instances import add_mesh, device
+from usarsim_server.simulation.rays.instances import add_mesh, device, handle
+from usarsim_server.simulation.rays.records import SceneRecord
 
 TOLERANCE = 5e-4
 """m between a tessellated and the true surface."""
@@ -27,6 +29,8 @@ ROUNDED = 1e-6
 """Part by which rays go on beyond their reach: more than single precision may cut off."""
 FAR = 1e37
 """m at which a ray ends for Embree that has no end."""
+EDGE = 1e-5
+"""m by which boxes around scenes are taken larger, which are of single precision."""
 _ASKEW: Array = np.array([[2.0, -6.0, 3.0], [6.0, 3.0, 2.0], [-3.0, 2.0, 6.0]]) / 7.0
 """A turn of balls, by which no corner lies on an axis (see `_revolve`)."""
 _PHASE = 0.123
@@ -85,9 +89,10 @@ class TriangleScene:
         self._parts = np.append(
             np.repeat([part for part, _ in parts], [len(part) for _, part in parts]), -1
         ).astype(np.intp)
-        self._rounds = dict(rounds)
-        self._is_round = np.zeros(max((part for part, _ in parts), default=0) + 2, dtype=bool)
-        self._is_round[list(self._rounds)] = True
+        self._shapes = [shape for _, shape in rounds]
+        # The shape that each part really has, -1 if it has none; one more at the end, for a miss.
+        self._rounds = np.full(max((part for part, _ in parts), default=0) + 2, -1, dtype=np.intp)
+        self._rounds[[part for part, _ in rounds]] = np.arange(len(rounds))
         self.embree: rtcore_scene.EmbreeScene | None = None
         """Embree's scene; None if there is no surface at all."""
         if len(faces):
@@ -97,7 +102,8 @@ class TriangleScene:
             self.embree.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
         self._normals = _normals(faces)
         corners = faces.reshape(-1, 3).T if len(faces) else np.zeros((3, 1))
-        self.centre: Array = np.array([(one.min() + one.max()) / 2.0 for one in corners])
+        self._box = np.array([[one.min() for one in corners], [one.max() for one in corners]])
+        self.centre: Array = (self._box[0] + self._box[1]) / 2.0
         """Middle (3,) of a sphere that holds everything, m."""
         off = [one - middle for one, middle in zip(corners, self.centre, strict=True)]
         self.radius = math.sqrt(float((off[0] ** 2 + off[1] ** 2 + off[2] ** 2).max()))
@@ -131,16 +137,25 @@ class TriangleScene:
         distances = answer["tfar"].astype(np.float64)
         distances[faces < 0] = np.inf
         hits = self._hits(distances, faces, normals)
-        if self._rounds:
-            self._round_off(hits, origins, directions)
+        if self._shapes:
+            shapes = self._rounds.take(hits.geoms, mode="wrap")
+            for number in np.unique(shapes[shapes >= 0]).tolist():
+                rays = np.flatnonzero(shapes == number)
+                _round_off(hits, rays, self._shapes[number], origins, directions)
         return hits
 
-    def _round_off(self, hits: Surfaces, origins: Array, directions: Array) -> None:
-        # A miss is part -1, the last entry, which is not round.
-        touched = np.flatnonzero(self._is_round.take(hits.geoms, mode="wrap"))
-        for part in set(hits.geoms[touched].tolist()):
-            rays = touched[hits.geoms[touched] == part]
-            _round_off(hits, rays, self._rounds[part], origins, directions)
+    @cached_property
+    def record(self) -> SceneRecord:
+        """The same for compiled code."""
+        shapes = [[*one.centre, *one.turn.ravel(), *one.axes] for one in self._shapes]
+        return SceneRecord(
+            embree=None if self.embree is None else handle(self.embree),
+            parts=self._parts,
+            normals=self._normals,
+            rounds=self._rounds,
+            shapes=np.array(shapes) if shapes else None,
+            box=self._box + np.array([[-EDGE], [EDGE]]),
+        )
 
     def _hits(self, distances: Array, faces: NDArray[np.signedinteger], normals: bool) -> Surfaces:
         facing = self._normals.take(faces, axis=0, mode="wrap") if normals else None
