@@ -246,7 +246,6 @@ class TestCulling:
             at_once = caster.at(snapshot, *fans, robot=own)
             with monkeypatch.context() as patch:
                 patch.setattr(casting, "ray_code", lambda: None)
-                patch.setattr(moving_geometry, "library", lambda: None)
                 snapshot = engine.snapshot()
                 with_culling = caster.at(snapshot, *fans, robot=own)
                 patch.setattr(moving_geometry, "meetings", every_pair)

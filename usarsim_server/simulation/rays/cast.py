@@ -84,22 +84,16 @@ def _meet(
         return Surfaces(np.zeros(0), np.zeros(0, dtype=np.intp), np.zeros((0, 3)))
     if len(full) < len(batch.fans):  # fans without rays have no cones
         batch, viewers = join([batch.fans[fan] for fan in full]), [viewers[fan] for fan in full]
-    moving, reach = None, batch.ranges
-    if dynamic is not None and snapshot is not None:
-        moving = dynamic.cast_at_once(batch, snapshot, viewers, normals=normals)
-    if moving is not None:
-        reach = np.minimum(reach, moving.distances)
     met = static.cast(
         batch.origins,
         batch.directions,
         normals=normals,
         through_glass=batch.through_glass,
-        reach=reach,
+        reach=batch.ranges,
     )
     if dynamic is not None and snapshot is not None:
-        if moving is None:
-            reach = np.minimum(met.distances, reach)
-            moving = dynamic.cast(batch, snapshot, viewers, reach, normals=normals)
+        reach = np.minimum(met.distances, batch.ranges)
+        moving = dynamic.cast(batch, snapshot, viewers, reach, normals=normals)
         if moving is not None:
             nearer = np.flatnonzero(moving.distances < met.distances)
             met.distances[nearer] = moving.distances[nearer]

@@ -1,6 +1,6 @@
 """The rays of a batch in one call of compiled code, during which other threads may go on.
 
-Where there is a C compiler and Embree can be called (`instances.py`), `rays.c` does all of it: rays
+Where there is a C compiler and Embree can be called (`embree.py`), `rays.c` does all of it: rays
 that lie beside one another look for the spheres in their cone, the nearest first; each ray meets
 the bodies in those that it passes, in the frame of each, and what stands, as far as no body is
 nearer. Elsewhere, and with `USARSIM_NATIVE=0`, numpy and Embree do the same in several passes over
@@ -18,7 +18,7 @@ import numpy as np
 from usarsim_server.logs import Log
 from usarsim_server.simulation.frames import Numbers
 from usarsim_server.simulation.native.compiling import load
-from usarsim_server.simulation.rays import instances
+from usarsim_server.simulation.rays.embree import library
 from usarsim_server.simulation.rays.query import RayBatch
 from usarsim_server.simulation.rays.records import FixedRecord, MovingRecord, WorkRecord
 from usarsim_server.simulation.rays.triangles import Surfaces
@@ -82,7 +82,7 @@ class RayCode:
 @cache
 def ray_code() -> RayCode | None:
     """The compiled code; None where it cannot be had."""
-    embree = instances.library()
+    embree = library()
     if embree is None:
         return None
     try:

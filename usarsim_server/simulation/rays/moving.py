@@ -4,13 +4,11 @@ The visible geoms that move as one piece are an Embree scene in the frame of the
 per shape and shared by all that look the same, in this model generation and in later ones as long
 as it is there. A ray is turned into the frame of every body whose bounding sphere it passes; so
 nothing is rebuilt when things move, and all rays at bodies of one shape, whoever sent them, are one
-call. Where Embree can hold all bodies as they stand (`instances.py`), it tells which one a ray
-meets first, so that a ray is turned once and spheres are not looked at.
+call.
 """
 
 from __future__ import annotations
 
-import threading
 import weakref
 from collections.abc import Mapping
 from ctypes import addressof
@@ -26,8 +24,7 @@ from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.objects import Objects
 from usarsim_server.simulation.rays.culling import Spheres, bounding_spheres, meetings, passing
 from usarsim_server.simulation.rays.groups import RigidGroup, rigid_groups
-from usarsim_server.simulation.rays.instances import PlacedBodies, library
-from usarsim_server.simulation.rays.query import RayBatch, join
+from usarsim_server.simulation.rays.query import RayBatch
 from usarsim_server.simulation.rays.records import MovingRecord
 from usarsim_server.simulation.rays.scenery import is_glass, is_visible
 from usarsim_server.simulation.rays.triangles import (
@@ -42,9 +39,6 @@ from usarsim_server.simulation.snapshot import Snapshot
 
 GROUPS_AT_A_TIME = 16
 """Groups between two pauses, while a world grows."""
-MANY_PAIRS = 16_000
-"""Pairs of a ray and a moving tree from which on it pays to place all bodies in one scene, which
-takes some 0.2 ms at every instant."""
 FINE = 1e-4
 """m between a tessellated and the true surface of what moves."""
 
@@ -112,9 +106,6 @@ class DynamicGeometry:
         counts = [len(one.geoms) for one in self._bodies]
         self._geom_begin = np.cumsum([0, *counts]).astype(np.intp)
         self._moment: _Moment | None = None
-        self._placing = threading.Lock()
-        self._placed: tuple[_Moment, Numbers, PlacedBodies] | None = None
-        """All bodies in one scene, their places in the list of all, and when they stood there."""
 
     def cast(
         self,
@@ -144,43 +135,6 @@ class DynamicGeometry:
             return None
         distances, geoms, facing = self._hits(moment, batch, rays, bodies, normals)
         return _nearest(len(batch.directions), rays, distances, geoms, facing)
-
-    def cast_at_once(
-        self,
-        batch: RayBatch,
-        snapshot: Snapshot,
-        viewers: list[int | None],
-        *,
-        normals: bool = False,
-    ) -> Surfaces | None:
-        """The same as `cast`, within the range of each ray, by one scene of all bodies.
-
-        Returns:
-            What `cast` finds, but for rays that graze an edge within some micrometres or meet two
-            bodies within a millimetre; None where Embree cannot be asked, or for too little.
-        """
-        moment = self._at(snapshot)
-        if len(batch.fan) * len(moment.trees) < MANY_PAIRS or library() is None:
-            return None
-        hidden = self._own(snapshot, moment, viewers)[batch.fan]
-        with self._placing:
-            placed = self._place(moment)
-            first = placed.first_met(batch.origins, batch.directions, batch.ranges, hidden)
-        rays = np.flatnonzero(first >= 0)
-        bodies = first[rays]
-        distances, geoms, facing = self._hits(moment, batch, rays, bodies, normals)
-        found = _nowhere(len(first), normals)
-        found.put(rays, Surfaces(distances, geoms, facing))
-        doubtful = np.isinf(distances)
-        if batch.through_glass is not None:
-            glass = self._full[bodies] != self._clear[bodies]
-            doubtful |= batch.through_glass[rays] & glass
-        for fan in np.unique(batch.fan[rays[doubtful]]).tolist():
-            alone = join([batch.fans[fan]])
-            hits = self.cast(alone, snapshot, [viewers[fan]], alone.ranges, normals=normals)
-            part = np.arange(batch.begins[fan], batch.begins[fan + 1])
-            found.put(part, hits or _nowhere(len(part), normals))
-        return found
 
     def at(self, snapshot: Snapshot, viewers: list[int | None]) -> tuple[MovingRecord, Numbers]:
         """Everything that moves, for compiled code, and which tree there each fan (f,) does not
@@ -297,26 +251,6 @@ class DynamicGeometry:
         )
         return _Moment(weakref.ref(snapshot), trees, spheres, turns, places, centres)
 
-    def _place(self, moment: _Moment) -> PlacedBodies:
-        """All bodies that are there in one scene (lock held); what a ray does not see is a tree
-        there. Nothing is made anew as long as the same ones are there."""
-        if self._placed is not None and np.array_equal(self._placed[0].trees, moment.trees):
-            before, there, bodies = self._placed
-            if before is not moment:
-                bodies.move(moment.turns[there], moment.places[there])
-        else:
-            there = np.flatnonzero(np.isin(self._trees, moment.trees))
-            robots = np.where(self._is_robot[moment.trees], np.arange(len(moment.trees)), -1)
-            bodies = PlacedBodies(
-                [self._bodies[body].full.embree for body in there.tolist()],
-                there,
-                np.repeat(robots, self._count[moment.trees]),
-                moment.turns[there],
-                moment.places[there],
-            )
-        self._placed = moment, there, bodies
-        return bodies
-
     def _own(self, snapshot: Snapshot, moment: _Moment, viewers: list[int | None]) -> Numbers:
         """Place in the list of present trees of each fan's own robot, -1 for none."""
         place = np.full(len(self._roots) + 1, -1, dtype=np.intp)
@@ -378,12 +312,6 @@ class DynamicGeometry:
             if facing is not None and hits.normals is not None:
                 facing[order[some]] = turned_back(turns[:, :, some].swapaxes(0, 1), hits.normals)
         return distances, np.where(parts < 0, -1, self._geoms.take(parts, mode="wrap")), facing
-
-
-def _nowhere(count: int, normals: bool) -> Surfaces:
-    """What rays meet that meet nothing."""
-    missed = np.full(count, -1, dtype=np.intp)
-    return Surfaces(np.full(count, np.inf), missed, np.zeros((count, 3)) if normals else None)
 
 
 def _nearest(

@@ -18,7 +18,7 @@ from embreex import rtcore_scene
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.frames import Array, Numbers
-from usarsim_server.simulation.rays.instances import add_mesh, device, handle
+from usarsim_server.simulation.rays.embree import add_mesh, device, handle
 from usarsim_server.simulation.rays.records import SceneRecord
 
 TOLERANCE = 5e-4
