@@ -21,15 +21,9 @@ from sim_fakes import (
     watched,
 )
 
-from usarsim_server.simulation.clock import (
-    BATCH_STEPS,
-    MAX_AHEAD,
-    MAX_LAG,
-    REPORT_PERIOD,
-    Pacer,
-    Patience,
-)
+from usarsim_server.simulation.clock import AHEAD_STEPS, BATCH_STEPS, MAX_AHEAD
 from usarsim_server.simulation.model import RobotModel
+from usarsim_server.simulation.pace import MAX_LAG, REPORT_PERIOD, Pacer, Patience
 
 BATCH = 0.008
 
@@ -231,6 +225,35 @@ class TestListeners:
         times = [snapshot.time for snapshot in watcher.done]
         np.testing.assert_allclose(np.diff(times), 0.02, atol=world.timestep + 1e-9)
         assert max(ahead) < MAX_AHEAD + BATCH_STEPS * world.timestep + 1e-9
+
+    def test_who_asks_finds_the_world_as_far_as_the_clock(self, start: Start) -> None:
+        """Steps are put off, but not for who looks at the world: it is never behind the clock, and
+        ahead by no more than a turn."""
+        world = start(speed=1.0)
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        watched(world, robot, 0.1)
+        present = world._stepper._pacer.present
+        looks: list[tuple[float, float, float]] = []
+        for _ in range(60):
+            time.sleep(0.007)
+            asked = present(time.perf_counter())
+            looks.append((asked, world.look().time, present(time.perf_counter())))
+        most = AHEAD_STEPS * world.timestep + 1e-9
+        assert all(found <= answered + most for _, found, answered in looks)
+        # Others use this machine, too: it may be late now and then.
+        assert sum(asked <= found for asked, found, _ in looks) > 45
+
+    def test_steps_that_nobody_asks_for_are_made_together(self, start: Start) -> None:
+        """With somebody due every 20 ms a turn has five steps, if they are quick."""
+        world = start(speed=0.5)
+        turns: list[int] = []
+        engine = world._engine
+        advance = engine.advance
+        engine.advance = lambda steps: [turns.append(steps), advance(steps)][1]  # type: ignore[method-assign]
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        watched(world, robot, 0.02)
+        wait_until(lambda: len(turns) > 60)
+        assert turns[-40:].count(BATCH_STEPS) > 20
 
     def test_time_stands_still_while_nobody_is_there(self, start: Start) -> None:
         """In lockstep no time passes without listeners, also not between spawn and attach."""

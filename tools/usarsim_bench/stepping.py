@@ -45,7 +45,7 @@ ROBOT_CLASS = "P3AT"
 BARE_GAIN = 100.0
 """N m s/rad of the wheels of bare robots: MuJoCo's own velocity actuators let a robot run ahead of
 its wheels if they are much stiffer (see `simulation/servos.py`)."""
-CHUNK_STEPS = 24
+CHUNK_STEPS = 25
 """Steps between two looks at the clock and between two commands: about a tenth of a second."""
 REPETITION_CHUNKS = 5
 WARM_UP_CHUNKS = 10

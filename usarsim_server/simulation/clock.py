@@ -4,7 +4,9 @@ The world stops at every step at which a listener is due and shows it a snapshot
 than `MAX_AHEAD` beyond one that has not been reported on. So every stream is complete in simulated
 time, and when reports cannot keep up, time slows down.
 
-At a pace, simulated time follows the wall clock. Without one the world goes as fast as it can, but
+At a pace, simulated time follows the wall clock; but steps that nobody asks for are put off and
+made together, so that few of them cost a turn of their own. Who asks or orders something finds the
+world as far as the clock is. Without a pace the world goes as fast as it can, but
 waits until every listener has done what the world may feel, and releases a snapshot to a listener
 only after it finished the previous one: reports are written while the world goes on. In lockstep it
 also waits at the horizon of every listener until that moves on.
@@ -28,17 +30,16 @@ from typing import Protocol
 from usarsim_server.logs import Log
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.mailbox import Mailbox
+from usarsim_server.simulation.pace import Pacer, Patience
 from usarsim_server.simulation.snapshot import Snapshot
 
-MAX_LAG = 0.1
-"""s of wall time that may be caught up; what is later than that is given up."""
-REPORT_PERIOD = 5.0
-"""s of wall time over which the real-time factor is taken."""
-TOLERATED_FACTOR = 0.98
-BATCH_STEPS = 2
-"""Steps per turn at a pace: commands are obeyed at least this often, and what a report waits for is
-little."""
-UNPACED_BATCH_STEPS = 5
+AHEAD_STEPS = 2
+"""Steps by which the world is ahead of the clock at a pace when somebody is due: what a command
+sent before that does is in the report."""
+BATCH_STEPS = 5
+"""Most steps of a turn."""
+BATCH_TIME = 0.004
+"""s of wall time that more than `AHEAD_STEPS` may take at a pace, for commands wait for them."""
 MAX_AHEAD = 0.1
 """Simulated s by which the world may be ahead, at a pace, of the oldest instant that is not
 reported on. One period of the usual stream: less makes the physics wait for reports that are merely
@@ -49,90 +50,7 @@ STAND_POLL = 0.1
 """s of wall time between two looks while the world stands still."""
 
 _log = Log("simulation")
-_DUE, _OLDEST = attrgetter("due"), attrgetter("oldest")
-
-
-@dataclass(frozen=True, slots=True)
-class PaceReport:
-    """How well simulated time was kept over the last period.
-
-    Attributes:
-        factor: simulated seconds per wall second reached. asked: the same asked for.
-        slow: it fell behind (otherwise: it is kept again).
-    """
-
-    factor: float
-    asked: float
-    slow: bool
-
-
-class Pacer:
-    """Decides how long to wait before the next step. Pure: clocks are handed in.
-
-    Args:
-        speed: simulated seconds per wall second.
-        simulated: simulated time now.
-    """
-
-    def __init__(self, speed: float, simulated: float) -> None:
-        self._speed = speed
-        self._simulated = simulated
-        self._wall: float | None = None
-        self._report_simulated = simulated
-        self._report_wall = 0.0
-        self._slow = False
-
-    def wait(self, simulated: float, wall: float) -> float:
-        """Wall seconds until the step that starts at a simulated time is due; 0 if it is."""
-        if self._wall is None:
-            self._wall = self._report_wall = wall
-        deadline = self._wall + (simulated - self._simulated) / self._speed
-        lag = wall - deadline
-        if lag > MAX_LAG:
-            # Simulated time slows down: the schedule starts anew from here.
-            self._wall, self._simulated = wall - MAX_LAG, simulated
-        return max(0.0, -lag)
-
-    def report(self, simulated: float, wall: float) -> PaceReport | None:
-        """A report when real time is lost, and one when it is found again; None otherwise."""
-        elapsed = wall - self._report_wall
-        if elapsed < REPORT_PERIOD:
-            return None
-        factor = (simulated - self._report_simulated) / elapsed
-        self._report_simulated, self._report_wall = simulated, wall
-        slow = factor < TOLERATED_FACTOR * self._speed
-        was, self._slow = self._slow, slow
-        if not slow and not was:
-            return None
-        return PaceReport(round(factor, 3), self._speed, slow)
-
-
-class Patience:
-    """How long to wait for somebody. Pure: clocks are handed in.
-
-    Args:
-        limit: s of wall time; infinity for ever.
-    """
-
-    def __init__(self, limit: float) -> None:
-        self._limit = limit
-        self._since: float | None = None
-
-    def relax(self) -> None:
-        """What was waited for has come."""
-        self._since = None
-
-    def lost(self, wall: float) -> bool:
-        """Whether it has been waited for too long, at a wall time (s); if so, waiting starts anew.
-
-        The first call after `relax` starts the clock.
-        """
-        if self._since is None:
-            self._since = wall
-        if wall - self._since < self._limit:
-            return False
-        self._since = None
-        return True
+_DUE, _OLDEST, _HORIZON = attrgetter("due"), attrgetter("oldest"), attrgetter("horizon")
 
 
 class Listener(Protocol):
@@ -208,6 +126,10 @@ class Stepper:
         self._witness: Witness | None = None
         self._everybody: tuple[Listener, ...] = ()
         self._stopping = False
+        self._due = math.inf
+        """When the first of them is due, as far as has been asked."""
+        self._reported = -math.inf
+        """Simulated time up to which everything has been reported on, as far as has been asked."""
         self._unpaced = math.isinf(options.speed)
         self.speed = options.speed
         self._stand_at = math.inf
@@ -301,7 +223,7 @@ class Stepper:
         self._mail.claim()
         while not self._stopping and self._engine.time < moment - self._engine.timestep / 2:
             self._wait_until_settled()
-            self._turn(self._steps_to_due(UNPACED_BATCH_STEPS, moment))
+            self._turn(self._steps_to_due(BATCH_STEPS, moment))
         self._settle()
 
     def settle(self) -> None:
@@ -328,38 +250,61 @@ class Stepper:
 
     def _run_paced(self) -> None:
         self._keep_pace(self.speed)
+        engine, mail, most = self._engine, self._mail, AHEAD_STEPS
         while not self._stopping:
-            self._mail.obey()
+            if not mail.empty:
+                self._catch_up(most)
+                mail.obey()
             if self.stands:
-                self._mail.wait(STAND_POLL)
+                mail.wait(STAND_POLL)
                 self._keep_pace(self.speed)
                 continue
-            pacer = self._pacer
-            wait = pacer.wait(self._engine.time, time.perf_counter())
+            pacer, steps = self._pacer, self._steps_to_due(most, self._stand_at)
+            begun = time.perf_counter()
+            late = engine.time + max(0, steps - AHEAD_STEPS) * engine.timestep
+            wait = pacer.wait(late, begun)
             if wait > 0.0:
-                self._mail.wait(wait)
-                continue
+                mail.wait(wait)
+                if time.perf_counter() < begun + wait or not mail.empty:
+                    continue
             if self._ahead_of_reports():
-                self._mail.wait(CATCH_UP_POLL)
+                mail.wait(CATCH_UP_POLL)
                 continue
-            self._turn(self._steps_to_due(BATCH_STEPS, self._stand_at))
-            report = pacer.report(self._engine.time, time.perf_counter())
+            begun = time.perf_counter()
+            self._turn(steps)
+            ended = time.perf_counter()
+            quick = (ended - begun) * BATCH_STEPS < steps * BATCH_TIME
+            most = BATCH_STEPS if quick else AHEAD_STEPS
+            report = pacer.report(engine.time, ended)
             if report is not None:
-                _tell(report)
+                report.tell()
+
+    def _catch_up(self, most: int) -> None:
+        """Make the steps that have been put off until now, unless the world is late anyway."""
+        if self.stands:
+            return
+        behind = self._pacer.present(time.perf_counter()) - self._engine.time
+        steps = math.ceil(behind / self._engine.timestep)
+        if 0 < steps < self._steps_to_due(most, self._stand_at) and not self._ahead_of_reports():
+            self._turn(steps)
 
     def _ahead_of_reports(self) -> bool:
-        oldest = min(map(_OLDEST, self._everybody), default=math.inf)
-        return oldest < self._engine.time - MAX_AHEAD
+        now = self._engine.time
+        if self._reported < now - MAX_AHEAD:
+            self._reported = min(map(_OLDEST, self._everybody), default=math.inf)
+            # What comes later is not older than this moment.
+            self._reported = min(self._reported, now)
+        return self._reported < now - MAX_AHEAD
 
     def _run_unpaced(self, patience: Patience) -> None:
         while not self._stopping:
             self._wait_until_settled()
             seen = self._mail.events
-            horizon = min((one.horizon for one in self._listeners.values()), default=-math.inf)
+            horizon = min(map(_HORIZON, self._listeners.values()), default=-math.inf)
             horizon = min(horizon, self._stand_at)
             if self._engine.time < horizon - self._engine.timestep / 2:
                 patience.relax()
-                self._turn(self._steps_to_due(UNPACED_BATCH_STEPS, horizon))
+                self._turn(self._steps_to_due(BATCH_STEPS, horizon))
             elif not self._show_due():
                 # Without listeners time stands still, too: so runs do not depend on when they
                 # start.
@@ -392,8 +337,8 @@ class Stepper:
             self._mail.wait(0.001, seen)
 
     def _steps_to_due(self, most: int, horizon: float) -> int:
-        due = min(map(_DUE, self._everybody), default=math.inf)
-        ahead = min(due, horizon) - self._engine.time
+        self._due = min(map(_DUE, self._everybody), default=math.inf)
+        ahead = min(self._due, horizon) - self._engine.time
         if ahead >= most * self._engine.timestep:
             return most
         # A stream is due at the first step that is not before its time.
@@ -402,7 +347,8 @@ class Stepper:
     def _turn(self, steps: int) -> None:
         for robot in self._engine.advance(steps):
             self._lose(robot, "its state became non-finite")
-        self._show_due()
+        if self._due <= self._now:
+            self._show_due()
 
     def _show_due(self) -> bool:
         """Give a snapshot to everybody who wants one now; whether there is anybody."""
@@ -438,10 +384,3 @@ class Stepper:
         self._gather()
         if listener is not None:
             listener.lost(reason)
-
-
-def _tell(report: PaceReport) -> None:
-    if report.slow:
-        _log.warning("simulated time is slow", real_time_factor=report.factor, asked=report.asked)
-    else:
-        _log.info("simulated time is kept again", real_time_factor=report.factor)

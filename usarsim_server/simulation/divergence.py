@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from usarsim_server.errors import UsarsimError
+from usarsim_server.simulation.parts import Parts
 
 SPEED_LIMIT = 1000.0
 """m/s and rad/s: a body that is faster has diverged."""
@@ -29,11 +30,33 @@ class Patient(Protocol):
     def restore(self) -> None:
         """Go back to the state before the batch."""
 
-    def run(self, steps: int) -> None:
-        """Step, whatever comes of it."""
+    def run(self, steps: int) -> bool:
+        """Step, whatever comes of it; whether the state is sound afterwards, see `is_sound`."""
 
     def put_away(self, tree: int) -> None:
         """Put a kinematic tree, at rest, where it does no harm."""
+
+
+class Before:
+    """The state before a batch of steps, of one model generation."""
+
+    def __init__(self, data: mujoco.MjData, parts: Parts) -> None:
+        """Keep nothing yet."""
+        self._data, self._parts = data, parts
+        # Of the same memory as long as the state lives; to ask for them every time is dearer.
+        self._arrays = data.qpos, data.qvel, data.qacc_warmstart
+        self.keep()
+
+    def keep(self) -> None:
+        """This is the state to go back to."""
+        self._kept = [array.copy() for array in self._arrays]
+        self._others = self._parts.state(self._data)
+
+    def restore(self) -> None:
+        """Go back to it."""
+        for array, kept in zip(self._arrays, self._kept, strict=True):
+            array[:] = kept
+        self._parts.restore(self._data, self._others)
 
 
 def is_sound(data: mujoco.MjData) -> bool:
@@ -58,8 +81,7 @@ def culprits(patient: Patient, steps: int) -> Sequence[int]:
     """
     patient.restore()
     for _ in range(steps):
-        patient.run(1)
-        if not is_sound(patient.data):
+        if not patient.run(1):
             break
     else:
         return []  # whatever it was, it is gone
@@ -93,5 +115,4 @@ def _goes_without(patient: Patient, trees: Sequence[int], steps: int) -> bool:
     patient.restore()
     for tree in trees:
         patient.put_away(tree)
-    patient.run(steps)
-    return is_sound(patient.data)
+    return patient.run(steps)

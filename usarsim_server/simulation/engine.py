@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.logs import Log
 from usarsim_server.simulation.articulation import JointOrder
-from usarsim_server.simulation.divergence import culprits, is_sound
+from usarsim_server.simulation.divergence import Before, culprits, is_sound
 from usarsim_server.simulation.frames import Pose, pose_of
 from usarsim_server.simulation.growth import Generations, Growth, WorldParts
 from usarsim_server.simulation.machines import Machine
@@ -60,6 +60,7 @@ class Engine:
         self.world = self._generations.first(slots)
         self.data = mujoco.MjData(self.world.model)
         self.parts = WorldParts(self.world, options)
+        self._before = Before(self.data, self.parts)
         self._active: dict[int, int] = {}
         self._left: dict[int, int] = {}
         self.after_batch: Callable[[], None] = lambda: None
@@ -95,7 +96,9 @@ class Engine:
         Raises:
             ValueError: if a body cannot be moved; the old ones stay.
         """
-        self.parts.moving.replace([*movers, *(own for one in machines for own in one.movers)])
+        self._look()
+        own = (mover for one in machines for mover in one.movers)
+        self.parts.moving.replace([*movers, *own], watched=bool(machines))
         self.parts.machines.replace(machines)
 
     def follow(self, robot: int, ways: Sequence[Way]) -> None:
@@ -287,43 +290,40 @@ class Engine:
         Raises:
             UsarsimError: if the world diverges even without robots.
         """
-        self._remember()
-        self.run(steps)
-        lost = [] if is_sound(self.data) else self._take_out(culprits(self, steps))
+        self._before.keep()
+        lost = [] if self.run(steps) else self._take_out(culprits(self, steps))
         self.steps += steps
         self.parts.sleep.let_rest(self.data)
         self.after_batch()
         return lost
 
-    def run(self, steps: int) -> None:
-        """Part of `advance`: step, whatever comes of it; `steps` does not count these."""
+    def run(self, steps: int) -> bool:
+        """Part of `advance`: step, and say whether the state is sound then; `steps` does not count
+        these."""
         model, data, parts = self.world.model, self.data, self.parts
         before, between, after = parts.before, parts.between, (*parts.after, *self.after_step)
         parts.begin(data)
+        sound: bool | None = None
         if parts.native and not self.after_step and parts.rest(steps):
-            steps = 0 if parts.native.step(model, data, steps) else steps
-        for _ in range(steps):
-            for hook in before:
-                hook(data)
-            mujoco.mj_step1(model, data)
-            for hook in between:
-                hook(data)
-            mujoco.mj_step2(model, data)
-            for hook in after:
-                hook(data)
+            sound = parts.native.step(model, data, steps)
+        if sound is None:
+            for _ in range(steps):
+                for hook in before:
+                    hook(data)
+                mujoco.mj_step1(model, data)
+                for hook in between:
+                    hook(data)
+                mujoco.mj_step2(model, data)
+                for hook in after:
+                    hook(data)
+            sound = is_sound(data)
         parts.end(data)
-
-    def _remember(self) -> None:
-        data = self.data
-        self._before = (data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy())
-        self._parts_before = self.parts.state(data)
+        return sound
 
     def restore(self) -> None:
         """Part of containing divergence: go back to before the last batch."""
-        data = self.data
-        data.qpos[:], data.qvel[:], data.qacc_warmstart[:] = self._before
-        data.time = self.time
-        self.parts.restore(data, self._parts_before)
+        self.data.time = self.time
+        self._before.restore()
 
     # -- containing divergence ---------------------------------------------------------------
 
@@ -399,6 +399,7 @@ class Engine:
         others = tuple(slot_prefix(slot) for slot in growth.changed)
         carry_over(before.model, old, growth.world.model, new, others)
         self.world, self.data, self.parts = growth.world, new, growth.parts
+        self._before = Before(new, growth.parts)
         self._generations.adopted(growth)
         inherit_sleep(old, self.world.model, new, growth.trees(before.model), growth.spare)
         new.qacc_warmstart[growth.dofs[1]] = old.qacc_warmstart[growth.dofs[0]]

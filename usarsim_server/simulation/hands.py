@@ -58,7 +58,6 @@ class _Hand:
 
 HandsState = tuple[tuple[tuple[bool, int, bool], ...], NDArray[Any], NDArray[Any], NDArray[Any]]
 """Closed, body held and lost of every hand; then pose, second body and activity of every tie."""
-NOTHING = np.zeros(0)
 
 
 class Hands(Part):
@@ -89,6 +88,7 @@ class Hands(Part):
         self._ties = np.array(
             [*(hand.tie for hand in self._all), *self._anchors.values()], dtype=np.intp
         )
+        self.empty = not self._ties.size
 
     def _hand(self, slot: int, hand: HandModel) -> _Hand:
         return _Hand(
@@ -130,8 +130,6 @@ class Hands(Part):
     def state(self, data: mujoco.MjData) -> HandsState:
         """A copy of everything that changes, for `restore`."""
         model, ties = self._model, self._ties
-        if not ties.size:
-            return (), NOTHING, NOTHING, NOTHING
         hands = tuple((hand.closed, hand.held, hand.lost) for hand in self._all)
         return hands, model.eq_data[ties], model.eq_obj2id[ties], data.eq_active[ties]
 
@@ -141,10 +139,9 @@ class Hands(Part):
         hands, values, bodies, active = state
         for hand, (closed, held, lost) in zip(self._all, hands, strict=True):
             hand.closed, hand.held, hand.lost, hand.strained = closed, held, lost, data.time
-        if ties.size:
-            model.eq_data[ties] = values
-            model.eq_obj2id[ties] = bodies
-            data.eq_active[ties] = active
+        model.eq_data[ties] = values
+        model.eq_obj2id[ties] = bodies
+        data.eq_active[ties] = active
 
     def inherit(
         self, older: Hands, slots: Sequence[int], data: mujoco.MjData, old: mujoco.MjData

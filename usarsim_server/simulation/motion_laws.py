@@ -90,6 +90,7 @@ class Laws(Part):
                 self._laws.setdefault(number, []).append((one.make(model, prefix), place))
                 channels = place.stop
             self._span[number] = slice(begin, channels)
+        self.empty = not self._laws
         self._commands = np.zeros(channels)
         self._active: set[int] = set()
         self._running: list[tuple[Law, Array]] = []

@@ -31,6 +31,10 @@ LOOK_STEPS = MOST_AT_REST
 """Steps between two looks whether anything is near a body."""
 HASTE = 1.0
 """m that two things may come nearer between two such looks: 20 ms at 50 m/s."""
+CLOSING = 50.0
+"""m/s, see `HASTE`: so long nothing is looked for as it takes to come from where it was."""
+LONGEST = 0.1
+"""Simulated s after which it is looked for anyway: a body may be put elsewhere by its way."""
 JUMP = 20.0
 """m/s: whatever is faster was put somewhere else and drags nothing along."""
 
@@ -60,20 +64,27 @@ class MovingBodies(Part):
         self._model = model
         self.movers: tuple[Mover, ...] = ()
         """Those of the world."""
+        self._watched = False
         self._followers: dict[int, tuple[Mover, ...]] = {}
         self._epoch = 0.0
         self._step, self._met = 0, False
+        self._clear = -math.inf
+        """Simulated time up to which a look finds that nothing is near."""
         self._find()
 
-    def replace(self, movers: Sequence[Mover]) -> None:
+    def replace(self, movers: Sequence[Mover], watched: bool = False) -> None:
         """Replace the movers of the world; a body that nobody moves any more stays.
+
+        Args:
+            movers: the new ones.
+            watched: somebody looks at the bodies while steps are made, near or not.
 
         Raises:
             ValueError: if a body does not exist or is no mocap body; the old ones stay.
         """
         for mover in movers:
             _mocap_id(self._model, mover.body)
-        self.movers = tuple(movers)
+        self.movers, self._watched = tuple(movers), watched
         self._find()
 
     def follow(self, owner: int, movers: Sequence[Mover]) -> None:
@@ -96,7 +107,7 @@ class MovingBodies(Part):
     ) -> None:
         """Go on with the same movers, whose bodies have other numbers now."""
         self.movers, self._followers = older.movers, older._followers
-        self._epoch = older._epoch
+        self._epoch, self._watched = older._epoch, older._watched
         self._find()
 
     def restart(self, time: float) -> None:
@@ -116,12 +127,13 @@ class MovingBodies(Part):
         self._measure_reach([index for index, _ in self._ways], bodies)
         self._timestep = float(model.opt.timestep)
         self._ahead: tuple[float, list[Pose]] = (-math.inf, [])
+        self._placed = self._clear = -math.inf
         # The last row, number -1, stands for everything that has no mover.
         self._origin = np.zeros((len(movers) + 1, 3))
         self._twist = np.zeros((len(movers) + 1, 6))
 
     def _measure_reach(self, indices: list[int], bodies: NDArray[np.intp]) -> None:
-        """How near the roots of all trees may come to each body without consequence, squared."""
+        """How near the roots of all trees may come to each body without touching it."""
         self._mocap = np.array(indices, dtype=np.intp)
         if not indices:
             return
@@ -130,7 +142,19 @@ class MovingBodies(Part):
         own[[int(body) not in number for body in bodies]] = 0.0
         loose = self._model.body_mocapid[roots] < 0
         self._roots = roots[loose]
-        self._reach = np.square(radii[loose][:, None] + own + HASTE)
+        self._reach = radii[loose][:, None] + own
+
+    def place(self, slot: int, data: mujoco.MjData, pose: Pose) -> None:
+        self._clear = -math.inf
+
+    def drop(self, tree: int, data: mujoco.MjData) -> None:
+        self._clear = -math.inf
+
+    def state(self, data: mujoco.MjData) -> float:
+        return self._clear
+
+    def restore(self, data: mujoco.MjData, state: float) -> None:
+        self._clear = state
 
     def begin(self, data: mujoco.MjData) -> None:
         self._step = 0
@@ -140,8 +164,16 @@ class MovingBodies(Part):
         return not self._met
 
     def _look(self, data: mujoco.MjData) -> None:
-        self.apply(data, data.time)
-        self._met = self._near(data)
+        """Place the bodies and see whether anything may come near one of them before the next
+        look; unless that is known from the last one."""
+        time = data.time
+        if time < self._clear:
+            return
+        self.apply(data, time)
+        clearance = self._clearance(data)
+        self._met = clearance < HASTE
+        ahead = 0.0 if self._watched else min((clearance - HASTE) / CLOSING, LONGEST)
+        self._clear = time + ahead
 
     def before(self, data: mujoco.MjData) -> None:
         """Place the bodies; while nothing is near one of them, only every few steps."""
@@ -153,26 +185,27 @@ class MovingBodies(Part):
 
     def apply(self, data: mujoco.MjData, time: float) -> None:
         """Put all bodies where they are at a time."""
-        if not self._ways:
+        if not self._ways or time == self._placed:
             return
+        self._placed = time
         known, poses = self._ahead
         if known != time:
             poses = [pose_at(time) for _, pose_at in self._ways]
             self._ahead = time, poses
-        for (index, _), pose in zip(self._ways, poses, strict=True):
-            data.mocap_pos[index] = pose.position
-            data.mocap_quat[index] = pose.quaternion
+        data.mocap_pos[self._mocap] = [pose.position for pose in poses]
+        data.mocap_quat[self._mocap] = [pose.quaternion for pose in poses]
 
-    def _near(self, data: mujoco.MjData) -> bool:
-        """Whether anything that moves by forces may meet a body before the next call.
+    def _clearance(self, data: mujoco.MjData) -> float:
+        """How near anything that moves by forces is to a body, m; at most, so far as is known.
 
-        Otherwise nothing depends on where the bodies are meanwhile.
+        While it is far enough nothing depends on where the bodies are.
         """
         if not self._ways:
-            return False
-        places, bodies = data.xpos[self._roots], data.mocap_pos[self._mocap]
-        away = places[:, None] - bodies
-        return bool((np.einsum("ijk,ijk->ij", away, away) < self._reach).any())
+            return math.inf
+        away = data.xpos[self._roots][:, None] - data.mocap_pos[self._mocap]
+        away *= away
+        gaps = np.sqrt(away.sum(axis=2)) - self._reach
+        return float(gaps.min(initial=math.inf))
 
     def between(self, data: mujoco.MjData) -> None:
         """Tell the contacts how fast the bodies go in this step.

@@ -20,7 +20,13 @@ class Part:
     """Something that takes part in every step of one model generation; physics thread.
 
     Whatever a part does not override does nothing, and costs nothing in a step.
+
+    Attributes:
+        empty: it has nothing in this generation that it could work on or that changes: it is asked
+            about slots only.
     """
+
+    empty = False
 
     # -- stepping, in the order of the calls -------------------------------------------------
 
@@ -87,20 +93,22 @@ class Parts:
 
     def __init__(self, *parts: Part) -> None:
         self._all = parts
+        self._filled = tuple(one for one in parts if not one.empty)
         self._begin = self._hooks("begin")
         self.before = self._hooks("before")
         self.between = self._hooks("between")
         self.after = self._hooks("after")
         self._end = self._hooks("end")
         """Of the parts that do anything there; loops over these are in the hot path."""
+        self._changing = tuple(one for one in self._filled if _does(one, "state"))
 
     def _hooks(self, name: str) -> tuple[Hook, ...]:
-        return tuple(getattr(one, name) for one in self._all if _does(one, name))
+        return tuple(getattr(one, name) for one in self._filled if _does(one, name))
 
     def stepping(self, but: tuple[type[Part], ...]) -> tuple[Part, ...]:
         """Those that do anything before, between or after steps, without those of some kinds."""
         steps = ("before", "between", "after")
-        busy = (one for one in self._all if any(_does(one, name) for name in steps))
+        busy = (one for one in self._filled if any(_does(one, name) for name in steps))
         return tuple(one for one in busy if not isinstance(one, but))
 
     def begin(self, data: mujoco.MjData) -> None:
@@ -139,11 +147,11 @@ class Parts:
 
     def state(self, data: mujoco.MjData) -> tuple[Any, ...]:
         """A copy of everything that changes, for `restore`."""
-        return tuple(one.state(data) for one in self._all)
+        return tuple([one.state(data) for one in self._changing])
 
     def restore(self, data: mujoco.MjData, state: tuple[Any, ...]) -> None:
         """Go back to a copied state of this generation."""
-        for one, kept in zip(self._all, state, strict=True):
+        for one, kept in zip(self._changing, state, strict=True):
             one.restore(data, kept)
 
     def inherit(

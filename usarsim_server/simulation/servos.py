@@ -119,12 +119,12 @@ class WheelServos(_Servos):
         self._negative = -self._increment
         self._delay = np.repeat(np.array([slot.brake_delay for slot in slots], float), counts)
         count = len(self._dofs)
-        self._target = np.zeros(count)
-        self._setpoint = np.zeros(count)
-        self._idle = np.zeros(count)
-        self._hold = np.full(count, np.nan)
-        self._engaged = np.zeros(count, dtype=bool)
-        self._free = np.zeros(count, dtype=bool)
+        # One block, so that what is kept of every batch is one copy.
+        self._block = np.zeros((4 * 8 + 2) * count, dtype=np.uint8)
+        numbers = self._block[: 4 * 8 * count].view(float).reshape(4, count)
+        self._target, self._setpoint, self._idle, self._hold = numbers
+        self._hold[:] = np.nan
+        self._engaged, self._free = self._block[4 * 8 * count :].view(bool).reshape(2, count)
         self._steady = True
         self._rested = True
         """Whether a wheel may have been idle or held since the last look."""
@@ -132,9 +132,9 @@ class WheelServos(_Servos):
     def command(self, slot: int, targets: Array) -> None:
         """Set the wheel speed targets (rad/s; NaN: rolls freely) of a slot, in part order."""
         span = self._span[slot]
-        self._target[span] = np.nan_to_num(targets, nan=0.0)
-        self._free[span] = np.isnan(targets)
-        self._engaged[span] = ~self._free[span]
+        free = np.isnan(targets)
+        self._target[span] = np.where(free, 0.0, targets)
+        self._free[span], self._engaged[span] = free, ~free
         self._begin()
 
     def release(self, slot: int, data: mujoco.MjData) -> None:
@@ -180,6 +180,13 @@ class WheelServos(_Servos):
     def _arrays(self) -> ServoState:
         targets = (self._target, self._setpoint, self._idle)
         return (*targets, self._hold, self._engaged, self._free)
+
+    def state(self, data: mujoco.MjData) -> ServoState:
+        return (self._block.copy(),)
+
+    def restore(self, data: mujoco.MjData, state: ServoState) -> None:
+        self._block[:] = state[0]
+        self._begin()
 
     @property
     def course(self) -> tuple[bool, bool]:
@@ -262,6 +269,7 @@ class JointServos(_Servos):
                 forces.append(joint.max_force)
                 roots.append(world.layouts[slot].dof)
             self._index.append(index)
+        self.empty = not joints
         self._joints = np.array(joints, dtype=np.intp)
         self._roots = np.array(roots, dtype=np.intp)
         self._busy = self._roots[:0]
@@ -348,9 +356,6 @@ class JointServos(_Servos):
         joint = self._index[slot][name.lower()]
         return float(self._target[joint]) if self._positioned[joint] else None
 
-    def rests(self) -> bool:
-        return not len(self._joints)
-
     # -- state -------------------------------------------------------------------------------
 
     def inherit(
@@ -378,13 +383,6 @@ class JointServos(_Servos):
             *(self._push, self._share, self._speed),
         )
 
-    def state(self, data: mujoco.MjData) -> ServoState:
-        return super().state(data) if len(self._joints) else ()
-
-    def restore(self, data: mujoco.MjData, state: ServoState) -> None:
-        if state:
-            super().restore(data, state)
-
     # -- stepping ----------------------------------------------------------------------------
 
     def before(self, data: mujoco.MjData) -> None:
@@ -395,8 +393,6 @@ class JointServos(_Servos):
             data.qvel[busy[data.qvel[busy] == 0.0]] = WAKE
 
     def _update(self, qpos: Array) -> None:
-        if not len(self._joints):
-            return
         if self._holding and self._waited < HOLD_STEPS:
             self._waited += 1
             return
@@ -427,7 +423,7 @@ class JointServos(_Servos):
 
     def end(self, data: mujoco.MjData) -> None:
         """Note the forces of the drives in the last step, for `torques`."""
-        if not (len(self._joints) and data.nf):
+        if not data.nf:
             return
         rows = slice(data.ne, data.ne + data.nf)
         dofs, forces = data.efc_id[rows], data.efc_force[rows]

@@ -16,9 +16,9 @@ from functools import cache
 from pathlib import Path
 
 import mujoco
-import numpy as np
 
 from usarsim_server.logs import Log
+from usarsim_server.simulation.divergence import SPEED_LIMIT
 from usarsim_server.simulation.native.compiling import load
 from usarsim_server.simulation.servos import HOLD_GAIN, HOLD_SPEED, WheelServos
 
@@ -27,15 +27,18 @@ SOURCE = Path(__file__).with_name("steps.c")
 _NUMBERS = ("target", "increment", "decrement", "delay", "setpoint", "idle", "hold", "shift")
 _ARRAYS = {**dict.fromkeys(_NUMBERS, "f8"), "engaged": "?", "angles": "i8", "dofs": "i8"}
 """The arrays of wheel servos that are worked on, and of which type they have to be."""
+_POINTERS = ("model", "data")
+_VALUES = ("timestep", "seen", "gain", "most", "limit")
 _FLAGS = ("wheels", "steady", "moving", "compensate", "calls")
+_STEADY, _MOVING, _SOUND = 1, 2, 4
 
 _log = Log("simulation")
 
 
 class _Work(ctypes.Structure):
     _fields_ = (
-        ("data", ctypes.c_void_p),
-        *((name, ctypes.c_double) for name in ("timestep", "seen", "gain", "most")),
+        *((name, ctypes.c_void_p) for name in _POINTERS),
+        *((name, ctypes.c_double) for name in _VALUES),
         *((name, ctypes.c_void_p) for name in _ARRAYS),
         *((name, ctypes.c_int32) for name in _FLAGS),
     )
@@ -62,29 +65,31 @@ class NativeSteps:
             setattr(work, name, array.ctypes.data)
         work.wheels = len(self._arrays["target"])
         work.timestep = timestep
-        work.gain, work.most = HOLD_GAIN, HOLD_SPEED
+        work.gain, work.most, work.limit = HOLD_GAIN, HOLD_SPEED, SPEED_LIMIT
         work.compensate = compensation
         self._address = ctypes.addressof(work)
 
-    def step(self, model: mujoco.MjModel, data: mujoco.MjData, steps: int) -> bool:
-        """Make so many steps; False, and none is made, while MuJoCo's callback is another's.
+    def step(self, model: mujoco.MjModel, data: mujoco.MjData, steps: int) -> bool | None:
+        """Make so many steps, one or more.
+
+        Returns:
+            Whether the state is sound afterwards, see `is_sound`; None, and no step is made, while
+            MuJoCo's callback is another's.
 
         Raises:
             RuntimeError: if MuJoCo did not call back once in each of the steps.
         """
-        work, wheels = self._work, self._wheels
-        work.data, work.seen, work.calls = data._address, np.nan, 0
-        work.steady, work.moving = wheels.course
+        wheels, code = self._wheels, self._code
+        if not code.enter(self._address, data._address, *wheels.course):
+            return None
         try:
-            if not self._code.enter(self._address):
-                return False
             mujoco.mj_step(model, data, steps)
         finally:
-            self._code.enter(None)
-        if work.calls != steps:
-            raise RuntimeError(f"MuJoCo called back {work.calls} times in {steps} steps")
-        wheels.went_on(bool(work.steady), bool(work.moving))
-        return True
+            found = int(code.leave(steps))
+        if found < 0:
+            raise RuntimeError(f"MuJoCo called back {self._work.calls} times in {steps} steps")
+        wheels.went_on(found & _STEADY != 0, found & _MOVING != 0)
+        return found & _SOUND != 0
 
 
 def native_steps(wheels: WheelServos, timestep: float, compensation: bool) -> NativeSteps | None:
@@ -104,7 +109,8 @@ def library() -> tuple[ctypes.CDLL | None, str]:
         if engine is None or not hasattr(mujoco.MjData, "_address"):
             raise OSError("not for this system, or this version of MuJoCo")
         code = load(ctypes.PyDLL, SOURCE, f"-I{root / 'include'}", str(engine))
-        code.enter.argtypes, code.enter.restype = (ctypes.c_void_p,), ctypes.c_int
+        pointer, number = ctypes.c_void_p, ctypes.c_int
+        code.enter.argtypes, code.leave.argtypes = (pointer, pointer, number, number), (number,)
     except (OSError, AttributeError) as error:
         reason = str(error)
         _log.info("steps are not compiled; numpy does the same, slower", reason=reason)

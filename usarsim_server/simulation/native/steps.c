@@ -8,8 +8,9 @@
 
 /* What is worked on; __init__.py has the same fields. */
 typedef struct {
+  const mjModel* model;
   mjData* data;
-  double timestep, seen, gain, most;
+  double timestep, seen, gain, most, limit;
   const double *target, *increment, *decrement, *delay;
   double *setpoint, *idle, *hold, *shift;
   const uint8_t* engaged;
@@ -22,12 +23,35 @@ static __thread Work* current;
 
 void control(const mjModel* m, mjData* d);
 
-/* Help with this thread's steps of a state from now on, or with none (NULL); 0, and no help, while the
-   callback is another's. */
-int enter(Work* work) {
+/* Help with this thread's steps of a state from now on; 0, and no help, while the callback is another's. */
+int enter(Work* work, mjData* data, int steady, int moving) {
   if (!mjcb_control) mjcb_control = control;
+  if (mjcb_control != control) return 0;
+  work->data = data;
+  work->seen = NAN;
+  work->steady = steady;
+  work->moving = moving;
+  work->calls = 0;
   current = work;
-  return mjcb_control == control;
+  return 1;
+}
+
+/* divergence.is_sound */
+static int sound(const mjModel* m, const mjData* d, double limit) {
+  for (int i = 0; i < m->nv; i++)
+    if (!(fabs(d->qvel[i]) < limit)) return 0;
+  for (int i = 0; i < m->nq; i++)
+    if (!isfinite(d->qpos[i])) return 0;
+  return 1;
+}
+
+/* Help no more. The sum of 1 if the wheels are steady, 2 if any turns, 4 if the state is sound; -1 if
+   there were other than so many steps. */
+int leave(int steps) {
+  Work* w = current;
+  current = NULL;
+  if (w->calls != steps) return -1;
+  return w->steady | w->moving << 1 | (steps && sound(w->model, w->data, w->limit)) << 2;
 }
 
 static double clipped(double value, double most) {
@@ -94,6 +118,7 @@ void control(const mjModel* m, mjData* d) {
   /* A second time in one step it is called for trees that have just fallen asleep. */
   if (d->time == w->seen) return;
   w->seen = d->time;
+  w->model = m;
   w->calls++;
   if (!w->steady) update(w, d->qpos);
   if (w->moving) shift(d, w->shift);
