@@ -227,8 +227,8 @@ class TestListeners:
         assert max(ahead) < MAX_AHEAD + BATCH_STEPS * world.timestep + 1e-9
 
     def test_who_asks_finds_the_world_as_far_as_the_clock(self, start: Start) -> None:
-        """Steps are put off, but not for who looks at the world: it is never behind the clock, and
-        ahead by no more than a turn."""
+        """Steps are put off, but not for who looks at the world: it is two steps before or behind
+        the clock at most."""
         world = start(speed=1.0)
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
         watched(world, robot, 0.1)
@@ -241,7 +241,7 @@ class TestListeners:
         most = AHEAD_STEPS * world.timestep + 1e-9
         assert all(found <= answered + most for _, found, answered in looks)
         # Others use this machine, too: it may be late now and then.
-        assert sum(asked <= found for asked, found, _ in looks) > 45
+        assert sum(asked <= found + most for asked, found, _ in looks) > 50
 
     def test_steps_that_nobody_asks_for_are_made_together(self, start: Start) -> None:
         """With somebody due every 20 ms a turn has five steps, if they are quick."""

@@ -140,8 +140,9 @@ class Mailbox:
         with self._lock:
             schedule = self._role.schedule if self._role is not None else None
             if schedule is not None and not self._closed:
-                streams = schedule.take_due(snapshot.time)
-                self._reports.append(Report(snapshot, streams, self._ticks.passes(snapshot.time)))
+                time = snapshot.time
+                streams = schedule.take_due(time)
+                self._reports.append(Report(snapshot, streams, self._ticks.passes(time)))
                 self._call()
             self._set_due()
 
@@ -154,9 +155,11 @@ class Mailbox:
 
     def settled(self) -> bool:
         """Whether nothing is left to do but, perhaps, to write a report."""
-        with self._lock:
-            quiet = not self._called or (self._begun and not self._pending())
-        return quiet and not self.outbox.crowded
+        if self._called:
+            with self._lock:
+                if self._called and (not self._begun or self._pending()):
+                    return False
+        return not self.outbox.crowded
 
     def idle(self) -> bool:
         """Whether all commands and snapshots have been dealt with, and a goodbye too."""

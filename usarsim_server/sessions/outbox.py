@@ -83,6 +83,7 @@ class Outbox:
         self._stream: deque[tuple[int, bytes]] = deque()
         self._reply_bytes = 0
         self._stream_bytes = 0
+        self._half = self._limits.stream_bytes / 2, self._limits.stream_lines / 2
         self._crowded_since: float | None = None
         self._read_since = 0
         self._replied = self._replied_bytes = 0
@@ -166,6 +167,9 @@ class Outbox:
         client that reads less than `LEAST_READ`. One that does not is waited for again when it
         has read most of what waits.
         """
+        most, lines = self._half
+        if self._crowded_since is None and self._stream_bytes < most and len(self._stream) < lines:
+            return False  # nearly always; and it is asked at every turn of the world
         with self._lock:
             limits = self._limits
             fill = max(

@@ -115,6 +115,10 @@ class Schedule:
     is ever skipped, unless a stream wants more reports than there are steps.
 
     Not thread-safe: whoever owns it keeps the physics and its own thread apart.
+
+    Attributes:
+        due: simulated time at which the next stream is due; infinity if none ever is. 0 before the
+            first snapshot, which starts the clock.
     """
 
     def __init__(self, intervals: list[float], first: Callable[[float], float]) -> None:
@@ -131,14 +135,7 @@ class Schedule:
         self._starts = [math.inf] * len(intervals)
         # Looked at far more often than changed.
         self._due = [math.inf] * len(intervals)
-
-    @property
-    def due(self) -> float:
-        """Simulated time at which the next stream is due; infinity if none ever is.
-
-        0 before the first snapshot, which starts the clock.
-        """
-        return min(self._due, default=math.inf) if self._begun else 0.0
+        self.due = 0.0
 
     def set_intervals(self, intervals: list[float]) -> None:
         """Change the intervals (s), in the order of the streams; unchanged ones keep their beat."""
@@ -150,6 +147,8 @@ class Schedule:
                 self._starts[index] = self._due[index]
             self._due[index] = self._starts[index] if new > 0.0 else math.inf
         self._intervals = list(intervals)
+        if self._begun:
+            self.due = min(self._due, default=math.inf)
 
     def take_due(self, time: float) -> list[int]:
         """Indices of the streams that are due at a simulated time; each is moved on.
@@ -161,6 +160,7 @@ class Schedule:
             start = self._first(time)
             self._starts = [start] * len(self._intervals)
             self._due = [start if interval > 0.0 else math.inf for interval in self._intervals]
+            self.due = min(self._due, default=math.inf)
             return []
         limit = time + TOLERANCE
         taken = [index for index, due in enumerate(self._due) if due <= limit]
@@ -171,6 +171,7 @@ class Schedule:
                 round((self._due[index] - start) / interval),
             )
             self._due[index] = start + (number + 1) * interval
+        self.due = min(self._due, default=math.inf)
         return taken
 
 

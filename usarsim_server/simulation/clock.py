@@ -6,10 +6,10 @@ time, and when reports cannot keep up, time slows down.
 
 At a pace, simulated time follows the wall clock; but steps that nobody asks for are put off and
 made together, so that few of them cost a turn of their own. Who asks or orders something finds the
-world as far as the clock is. Without a pace the world goes as fast as it can, but
-waits until every listener has done what the world may feel, and releases a snapshot to a listener
-only after it finished the previous one: reports are written while the world goes on. In lockstep it
-also waits at the horizon of every listener until that moves on.
+world two steps before or behind the clock at most. Without a pace the world goes as fast as it can,
+but waits until every listener has done what the world may feel, and releases a snapshot to a
+listener only after it finished the previous one: reports are written while the world goes on. In
+lockstep it also waits at the horizon of every listener until that moves on.
 
 Somebody who supervises may let time stand still, go to a moment, or go at another pace. No step is
 another one for it: what is told stays the same, only when it comes differs. Orders that come while
@@ -24,7 +24,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from operator import attrgetter
+from operator import attrgetter, methodcaller
 from typing import Protocol
 
 from usarsim_server.logs import Log
@@ -34,8 +34,8 @@ from usarsim_server.simulation.pace import Pacer, Patience
 from usarsim_server.simulation.snapshot import Snapshot
 
 AHEAD_STEPS = 2
-"""Steps by which the world is ahead of the clock at a pace when somebody is due: what a command
-sent before that does is in the report."""
+"""Steps by which the world is ahead of the clock at a pace when somebody is due; steps behind it
+that are let be when an order comes."""
 BATCH_STEPS = 5
 """Most steps of a turn."""
 BATCH_TIME = 0.004
@@ -51,6 +51,7 @@ STAND_POLL = 0.1
 
 _log = Log("simulation")
 _DUE, _OLDEST, _HORIZON = attrgetter("due"), attrgetter("oldest"), attrgetter("horizon")
+_IDLE, _SETTLED = methodcaller("idle"), methodcaller("settled")
 
 
 class Listener(Protocol):
@@ -280,13 +281,14 @@ class Stepper:
                 report.tell()
 
     def _catch_up(self, most: int) -> None:
-        """Make the steps that have been put off until now, unless the world is late anyway."""
+        """Make the steps that have been put off until now if they are many, unless the world is
+        late anyway."""
         if self.stands:
             return
         behind = self._pacer.present(time.perf_counter()) - self._engine.time
         steps = math.ceil(behind / self._engine.timestep)
-        if 0 < steps < self._steps_to_due(most, self._stand_at) and not self._ahead_of_reports():
-            self._turn(steps)
+        if AHEAD_STEPS < steps < most and not self._ahead_of_reports():
+            self._turn(min(steps, self._steps_to_due(steps, self._stand_at)))
 
     def _ahead_of_reports(self) -> bool:
         now = self._engine.time
@@ -321,11 +323,14 @@ class Stepper:
 
     def _settle(self) -> None:
         """Wait until no listener and no spawn is under way."""
-        self._wait(lambda: not self._busy() and all(one.idle() for one in self._everybody))
+        self._wait(lambda: not self._busy() and all(map(_IDLE, self._everybody)))
 
     def _wait_until_settled(self) -> None:
         """Wait until no spawn is under way, and no listener is about to do anything."""
-        self._wait(lambda: not self._busy() and all(one.settled() for one in self._everybody))
+        self._wait(self._settled)
+
+    def _settled(self) -> bool:
+        return not self._busy() and all(map(_SETTLED, self._everybody))
 
     def _wait(self, quiet: Callable[[], bool]) -> None:
         """Wait for something; requests are served meanwhile."""
@@ -356,7 +361,7 @@ class Stepper:
         if not self._due_at(now):
             return False
         if self._unpaced:
-            self._wait(lambda: all(one.idle() for one in self._due_at(now)))
+            self._wait(lambda: all(map(_IDLE, self._due_at(now))))
         self.snapshot = self._engine.snapshot()
         self._remove_fallen(self.snapshot)
         with self.batched():

@@ -443,5 +443,5 @@ def _finite(coordinates: Array) -> Array:
 
 def _frozen(array: Array) -> Array:
     copy = array.copy()
-    copy.flags.writeable = False
+    copy.setflags(write=False)
     return copy

@@ -33,10 +33,7 @@ class Mailbox:
 
     def __init__(self) -> None:
         self._requests: deque[tuple[Callable[[], None], Future[Any] | None]] = deque()
-        self._signal = threading.Lock()
-        self._bell = threading.Lock()
-        """Held while the owner waits; a condition does the same by many more steps in Python."""
-        self._waiting = False
+        self._signal = threading.Condition()
         self._owner: int | None = threading.get_ident()
         self._events = 0
         self._ended = False
@@ -77,18 +74,8 @@ class Mailbox:
         Returns at once if more has happened than the `events` seen.
         """
         with self._signal:
-            if self._requests or seen not in (None, self._events):
-                return
-            self._bell.acquire(blocking=False)
-            self._waiting = True
-        self._bell.acquire(timeout=seconds)
-        self._waiting = False
-
-    def _ring(self) -> None:
-        """End the owner's waiting (signal held)."""
-        if self._waiting:
-            self._waiting = False
-            self._bell.release()
+            if not self._requests and seen in (None, self._events):
+                self._signal.wait(seconds)
 
     def end(self) -> None:
         """Refuse all questions from now on, also those that wait; actions are dropped."""
@@ -96,7 +83,7 @@ class Mailbox:
             self._ended = True
             waiting = [answer for _, answer in self._requests if answer is not None]
             self._requests.clear()
-            self._ring()
+            self._signal.notify_all()
         for answer in waiting:
             answer.set_exception(_ended())
 
@@ -106,14 +93,14 @@ class Mailbox:
         """Something happened that the owner may be waiting for."""
         with self._signal:
             self._events += 1
-            self._ring()
+            self._signal.notify_all()
 
     def post(self, action: Callable[[], None]) -> None:
         """Have an action carried out soon; after the end it is dropped."""
         with self._signal:
             if not self._ended:
                 self._requests.append((action, None))
-                self._ring()
+                self._signal.notify_all()
 
     def ask(self, question: Callable[[], T]) -> T:
         """Have a question answered, and wait for the answer.
@@ -136,7 +123,7 @@ class Mailbox:
             if self._ended:
                 raise _ended()
             self._requests.append((reply, answer))
-            self._ring()
+            self._signal.notify_all()
         return answer.result(timeout=REQUEST_TIMEOUT)
 
 

@@ -31,12 +31,12 @@ LOOK_STEPS = MOST_AT_REST
 """Steps between two looks whether anything is near a body."""
 HASTE = 1.0
 """m that two things may come nearer between two such looks: 20 ms at 50 m/s."""
-CLOSING = 50.0
-"""m/s, see `HASTE`: so long nothing is looked for as it takes to come from where it was."""
-LONGEST = 0.1
-"""Simulated s after which it is looked for anyway: a body may be put elsewhere by its way."""
 JUMP = 20.0
 """m/s: whatever is faster was put somewhere else and drags nothing along."""
+CLOSING = JUMP + 15.0
+"""m/s at which something may come nearer to a body: as long as it takes nothing is looked for."""
+LONGEST = 0.1
+"""Simulated s after which it is looked for anyway: a body may be put elsewhere by its way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,8 +172,9 @@ class MovingBodies(Part):
         self.apply(data, time)
         clearance = self._clearance(data)
         self._met = clearance < HASTE
-        ahead = 0.0 if self._watched else min((clearance - HASTE) / CLOSING, LONGEST)
-        self._clear = time + ahead
+        if not (self._met or self._watched):
+            batch = LOOK_STEPS * self._timestep
+            self._clear = time + min(clearance / CLOSING, LONGEST) - batch
 
     def before(self, data: mujoco.MjData) -> None:
         """Place the bodies; while nothing is near one of them, only every few steps."""

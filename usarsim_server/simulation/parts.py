@@ -100,6 +100,7 @@ class Parts:
         self.after = self._hooks("after")
         self._end = self._hooks("end")
         """Of the parts that do anything there; loops over these are in the hot path."""
+        self._driving = tuple(one for one in self._filled if _does(one, "drives"))
         self._changing = tuple(one for one in self._filled if _does(one, "state"))
 
     def _hooks(self, name: str) -> tuple[Hook, ...]:
@@ -143,7 +144,7 @@ class Parts:
 
     def drives(self, slot: int) -> bool:
         """Whether any part is told to move a slot."""
-        return any(one.drives(slot) for one in self._all)
+        return any(one.drives(slot) for one in self._driving)
 
     def state(self, data: mujoco.MjData) -> tuple[Any, ...]:
         """A copy of everything that changes, for `restore`."""

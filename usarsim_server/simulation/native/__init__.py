@@ -55,7 +55,7 @@ class NativeSteps:
         Raises:
             TypeError: if one of their arrays is not as the code takes it.
         """
-        self._code, self._wheels = code, wheels
+        self._enter, self._leave, self._wheels = code.enter, code.leave, wheels
         self._work = work = _Work()
         self._arrays = wheels.arrays()  # which live as long as their addresses are used
         for name, kind in _ARRAYS.items():
@@ -79,13 +79,13 @@ class NativeSteps:
         Raises:
             RuntimeError: if MuJoCo did not call back once in each of the steps.
         """
-        wheels, code = self._wheels, self._code
-        if not code.enter(self._address, data._address, *wheels.course):
+        wheels = self._wheels
+        if not self._enter(self._address, data._address, *wheels.course):
             return None
         try:
             mujoco.mj_step(model, data, steps)
         finally:
-            found = int(code.leave(steps))
+            found = int(self._leave(steps))
         if found < 0:
             raise RuntimeError(f"MuJoCo called back {self._work.calls} times in {steps} steps")
         wheels.went_on(found & _STEADY != 0, found & _MOVING != 0)
