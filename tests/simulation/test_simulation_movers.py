@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from unittest.mock import Mock
 
 import mujoco
 import numpy as np
@@ -22,6 +23,7 @@ from sim_fakes import (
     whole_state,
 )
 
+from usarsim_server.simulation import movers
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import PhysicsOptions
@@ -208,3 +210,43 @@ def test_movers_are_set_through_the_facade() -> None:
     with pytest.raises(ValueError, match="does not exist"):
         world.set_movers([Mover("nobody", going(1.0))])
     world.stop()
+
+
+@pytest.mark.parametrize("speed", [0.5, 4.0, 18.0])
+def test_what_comes_from_afar_pushes_as_if_it_were_looked_for_in_every_batch(
+    monkeypatch: pytest.MonkeyPatch, speed: float
+) -> None:
+    """How near things are is asked no more often than they can come near, which is early enough."""
+    states, looks = [], []
+    for longest in (movers.LONGEST, 0.0):
+        monkeypatch.setattr(movers, "LONGEST", longest)
+        engine = engine_with((0.0, 0.0), scenery=square("a"))
+        engine.set_movers([Mover("a", going(-speed, start=6.0))])
+        looked = Mock(wraps=engine.parts.moving._clearance)
+        monkeypatch.setattr(engine.parts.moving, "_clearance", looked)
+        for _ in range(round(7.0 / speed / engine.timestep / 5)):
+            engine.advance(5)
+        states.append(whole_state(engine, 0))
+        looks.append(looked.call_count)
+    assert states[0][0] < -0.05
+    assert np.array_equal(*states)
+    assert looks[0] < looks[1]
+
+
+def test_a_robot_that_is_put_beside_a_body_is_seen_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """However far away everything was at the last look."""
+    monkeypatch.setattr(movers, "LONGEST", 1.0)
+    states = []
+    for steps in (5, 1):
+        engine = engine_with((60.0, 0.0), scenery=square("a"))
+        engine.set_movers([Mover("a", going(-2.0))])
+        for _ in range(2):
+            engine.advance(5)
+        engine.teleport(0, pose_at(2.2, 0.0))
+        for _ in range(100 // steps):
+            engine.advance(steps)
+        states.append(whole_state(engine, 0))
+    assert states[0][0] < 2.1
+    assert np.array_equal(*states)

@@ -12,6 +12,7 @@ import pytest
 from sim_fakes import engine_with, pose_at, straight, turn
 
 from usarsim_server.simulation import native
+from usarsim_server.simulation.divergence import is_sound
 from usarsim_server.simulation.engine import Engine
 
 needs_compiler = pytest.mark.skipif(native.library()[0] is None, reason="no C compiler")
@@ -134,3 +135,27 @@ def test_a_folder_that_others_write_to_is_not_used(
     folder.chmod(0o777)
     _, reason = native.library.__wrapped__()
     assert "others may write" in reason
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("value", "sound"), [(999.0, True), (-1001.0, False), (np.nan, False), (np.inf, False)]
+)
+@pytest.mark.parametrize("field", ["qvel", "qpos"])
+def test_soundness_is_that_of_numpy(field: str, value: float, sound: bool) -> None:
+    """The compiled check of the state after the steps says what `is_sound` says."""
+    engine = engine_with((0.0, 0.0))
+    native_steps, data = engine.parts.native, engine.data
+    assert native_steps is not None
+    assert native_steps.step(engine.world.model, data, 2)
+    if field == "qpos":
+        sound = bool(np.isfinite(value))
+    step = mujoco.mj_step
+
+    def steps(*arguments: object) -> None:
+        step(*arguments)
+        getattr(data, field)[0] = value
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(mujoco, "mj_step", steps)
+        assert native_steps.step(engine.world.model, data, 2) == is_sound(data) == sound

@@ -70,6 +70,8 @@ class MovingBodies(Part):
         self._step, self._met = 0, False
         self._clear = -math.inf
         """Simulated time up to which a look finds that nothing is near."""
+        self._told = False
+        """Whether steps have been made since something was put elsewhere, which they find out."""
         self._find()
 
     def replace(self, movers: Sequence[Mover], watched: bool = False) -> None:
@@ -145,10 +147,10 @@ class MovingBodies(Part):
         self._reach = radii[loose][:, None] + own
 
     def place(self, slot: int, data: mujoco.MjData, pose: Pose) -> None:
-        self._clear = -math.inf
+        self._clear, self._told = -math.inf, False
 
     def drop(self, tree: int, data: mujoco.MjData) -> None:
-        self._clear = -math.inf
+        self._clear, self._told = -math.inf, False
 
     def state(self, data: mujoco.MjData) -> float:
         return self._clear
@@ -172,7 +174,8 @@ class MovingBodies(Part):
         self.apply(data, time)
         clearance = self._clearance(data)
         self._met = clearance < HASTE
-        if not (self._met or self._watched):
+        told, self._told = self._told, True
+        if told and not (self._met or self._watched):
             batch = LOOK_STEPS * self._timestep
             self._clear = time + min(clearance / CLOSING, LONGEST) - batch
 
@@ -193,8 +196,9 @@ class MovingBodies(Part):
         if known != time:
             poses = [pose_at(time) for _, pose_at in self._ways]
             self._ahead = time, poses
-        data.mocap_pos[self._mocap] = [pose.position for pose in poses]
-        data.mocap_quat[self._mocap] = [pose.quaternion for pose in poses]
+        places, turns = data.mocap_pos, data.mocap_quat
+        for (index, _), pose in zip(self._ways, poses, strict=True):
+            places[index], turns[index] = pose.position, pose.quaternion
 
     def _clearance(self, data: mujoco.MjData) -> float:
         """How near anything that moves by forces is to a body, m; at most, so far as is known.
