@@ -136,6 +136,9 @@ class Sensor(DeclaredItem, ABC):
         One after the other by `rays` and `measure`; for a class of which robots carry many it may
         pay to do it at once.
         """
+        if len(sensors) == 1:  # nearly always
+            sensor = sensors[0]
+            return sensor.rays(robot), lambda hits: sensors if sensor.measure(robot, hits) else ()
         wanted = [sensor.rays(robot) for sensor in sensors]
 
         def measure(hits: Sequence[RayHits]) -> list[Sensor]:

@@ -7,7 +7,7 @@ Time and how item names look follows from the classes and the dialect (protocol 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import groupby
 
 from usarsim_server.protocol.messages import (
@@ -21,7 +21,7 @@ from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.mounting import carried
 from usarsim_server.sensors.base import Sensor
 from usarsim_server.simulation.frames import wire_from_pose
-from usarsim_server.simulation.rays.query import PendingReport, RayHits
+from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 
@@ -39,14 +39,17 @@ def sen_lines(sensors: Sequence[Sensor], time: float, dialect: Dialect) -> list[
     lines: list[str] = []
     done: set[str] = set()
     for sensor in sensors:
-        batch = dialect in sensor.batched
-        if batch and sensor.wire_type in done:
+        kind, batch = sensor.wire_type, dialect in sensor.batched
+        if not batch:
+            items = [sensor.item(dialect)]
+        elif kind in done:
             continue
-        group: Sequence[Sensor] = (sensor,)
-        if batch:
-            done.add(sensor.wire_type)
-            group = [other for other in sensors if other.wire_type == sensor.wire_type]
-        lines.append(_sen_line(group, time, dialect, batch))
+        else:
+            done.add(kind)
+            items = [one.item(dialect) for one in sensors if one.wire_type == kind]
+        stamp = time if dialect in sensor.timed else None
+        digits = sensor.time_digits[dialect]
+        lines.append(sensor_line(dialect, kind, items, stamp, digits, batch))
     return lines
 
 
@@ -102,42 +105,35 @@ def find_sensors(sensors: Sequence[Sensor], wire_type: str, name: str | None) ->
     return exact or [sensor for sensor in found if asked in sensor.nicknames]
 
 
-def _sen_line(group: Sequence[Sensor], time: float, dialect: Dialect, batch: bool) -> str:
-    first = group[0]
-    return sensor_line(
-        dialect,
-        first.wire_type,
-        [sensor.item(dialect) for sensor in group],
-        time if dialect in first.timed else None,
-        first.time_digits[dialect],
-        batch,
-    )
-
-
 def _names(sensor: Sensor) -> set[str]:
     return {sensor.name.lower(), *(sensor.wire_name(dialect).lower() for dialect in Dialect)}
 
 
-def pending_report(
-    sensors: Sequence[Sensor], state: RobotState, robot: int, dialect: Dialect
-) -> PendingReport:
-    """Take readings of some sensors: now the rays they need, later their SEN lines.
+class Readings:
+    """Sensors of one robot that measure together, again and again."""
 
-    Args:
-        sensors: in mount order.
-        state: of their robot.
-        robot: its number in the simulation.
-        dialect: of the lines.
-    """
-    groups = [tuple(alike) for _, alike in groupby(sensors, type)]
-    begun = [alike[0].begin(alike, state) for alike in groups]
+    def __init__(self, sensors: Sequence[Sensor]) -> None:
+        """Put sensors together, given in mount order."""
+        self._groups = [tuple(alike) for _, alike in groupby(sensors, type)]
 
-    def finish(hits: Sequence[RayHits]) -> list[str]:
-        measured: list[Sensor] = []
-        begin = 0
-        for rays, measure in begun:
-            measured += measure(hits[begin : begin + len(rays)])
-            begin += len(rays)
-        return sen_lines(measured, state.time, dialect)
+    def begin(
+        self, state: RobotState, dialect: Dialect
+    ) -> tuple[list[RayFan], Callable[[Sequence[RayHits]], list[str]]]:
+        """Take readings: the rays they need now, and what makes SEN lines of the answers.
 
-    return PendingReport(state.snapshot, robot, [fan for rays, _ in begun for fan in rays], finish)
+        Args:
+            state: of their robot.
+            dialect: of the lines.
+        """
+        begun = [alike[0].begin(alike, state) for alike in self._groups]
+
+        def finish(hits: Sequence[RayHits]) -> list[str]:
+            measured: list[Sensor] = []
+            begin = 0
+            for rays, measure in begun:
+                end = begin + len(rays)
+                measured += measure(hits[begin:end])
+                begin = end
+            return sen_lines(measured, state.time, dialect)
+
+        return [fan for rays, _ in begun for fan in rays], finish

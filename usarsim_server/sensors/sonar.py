@@ -76,9 +76,11 @@ class Sonar(SingleRange):
         """At once, if they have as many rays of the same length and sit on one part of the robot;
         one after the other in classes of others, which may do it otherwise."""
         first = sensors[0]
-        if cls is not Sonar or any(one.likeness != first.likeness for one in sensors):
-            return super().begin(sensors, robot)
-        ring = first._ring_of(sensors)
+        ring = first._ring
+        if ring is None or ring.sonars is not sensors:
+            if cls is not Sonar or any(one.likeness != first.likeness for one in sensors):
+                return super().begin(sensors, robot)
+            ring = first._ring_of(sensors)
 
         def measure(hits: Sequence[RayHits]) -> Sequence[Sensor]:
             for sonar, nearest in zip(sensors, ring.nearest(hits[0]).tolist(), strict=True):
@@ -143,5 +145,6 @@ class _Ring:
         against = np.einsum("ij,ij->i", hits.normals, self._sent).reshape(distances.shape)
         heard = against < -self._facing
         heard[:, 0] = True  # the centre ray counts whatever it meets
-        echoes: Array = np.where(heard, distances, np.inf).min(axis=1)
+        # Called as it is: the method of arrays takes twice as long.
+        echoes: Array = np.minimum.reduce(np.where(heard, distances, np.inf), axis=1)
         return echoes

@@ -129,14 +129,11 @@ class Outbox:
         call = False
         with self._lock:
             if not self._closed:
-                number, size = self._next, 0
-                for line in lines:
-                    if line:
-                        number += 1
-                        size += len(line)
-                        self._stream.append((number, line))
-                self._next = number
-                self._stream_bytes += size
+                told = [line for line in lines if line]
+                first = self._next + 1
+                self._next += len(told)
+                self._stream.extend(zip(range(first, self._next + 1), told, strict=True))
+                self._stream_bytes += sum(map(len, told))
                 self._trim_stream()
                 call = self._call()
         if reply:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from usarsim_server.actuators.articulation import Articulation
 from usarsim_server.logs import Log
@@ -27,7 +27,7 @@ from usarsim_server.protocol.requests import (
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.families.base import StatusFacts
 from usarsim_server.robots.mounting import SetReply, SetResult
-from usarsim_server.sensors.report import conf_line, find_sensors, geo_line, pending_report
+from usarsim_server.sensors.report import Readings, conf_line, find_sensors, geo_line
 from usarsim_server.sessions.cameras import CameraMount
 from usarsim_server.sessions.robots import Battery, Vehicle
 from usarsim_server.sessions.schedule import REPORT_GRID, Role, Schedule, first_report
@@ -36,6 +36,8 @@ from usarsim_server.simulation.rays.query import PendingReport, RayHits
 from usarsim_server.simulation.simulation import BodyHandle
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 
+MOST_TOGETHER = 64
+"""Sets of streams that fall due together, of which a robot keeps in mind who they are."""
 UPRIGHTING_LIFT = 0.05
 """m that a flipped robot is set down from."""
 
@@ -99,6 +101,7 @@ class RobotRole(Role):
             vehicle.description, vehicle.robot, vehicle.cameras, vehicle.board, vehicle.body.look
         )
         self._sensors = vehicle.sensors
+        self._together: dict[tuple[int, ...], Readings] = {}
         self.schedule = Schedule(self._intervals(), self._first_report)
         self._dead = False
         self._news: list[str] = []
@@ -193,8 +196,8 @@ class RobotRole(Role):
             answer = sensor.set(opcode, request.params, state)
             reply = answer if isinstance(answer, SetReply) else SetReply(answer)
             if reply.result is SetResult.SCAN:
-                scan = pending_report([sensor], state, self.body.number, self._dialect)
-                lines += scan.finish(self.body.cast(scan.fans, scan.snapshot) if scan.fans else ())
+                fans, finish = Readings([sensor]).begin(state, self._dialect)
+                lines += finish(self.body.cast(fans, state.snapshot) if fans else ())
             if reply.result is not SetResult.UNKNOWN and sends_results(self._dialect):
                 ok = reply.result is not SetResult.FAILED
                 lines.append(
@@ -238,18 +241,28 @@ class RobotRole(Role):
         if self._dead:
             return PendingReport(snapshot, finish=lambda hits: status)
         last = len(self._sensors)
-        sensors = [self._sensors[i - 1] for i in due if 0 < i <= last]
-        report = pending_report(sensors, state, self.body.number, self._dialect)
+        fans, write = self._readings(tuple(due)).begin(state, self._dialect)
 
         def finish(hits: Sequence[RayHits]) -> list[str]:
-            told = status + report.finish(hits)
+            told = status + write(hits)
             if last + 1 in due:
                 told += self._limbs.actuator_lines(self._dialect, state)
             if last + 2 in due:
                 told += self._limbs.effector_lines(state)
             return told
 
-        return replace(report, finish=finish)
+        return PendingReport(snapshot, self.body.number, fans, finish)
+
+    def _readings(self, due: tuple[int, ...]) -> Readings:
+        """The sensors among the streams that are due; kept, for the same fall due together."""
+        found = self._together.get(due)
+        if found is None:
+            if len(self._together) >= MOST_TOGETHER:
+                self._together.clear()
+            last = len(self._sensors)
+            found = Readings([self._sensors[i - 1] for i in due if 0 < i <= last])
+            self._together[due] = found
+        return found
 
     def _begin(self, state: RobotBody) -> None:
         """Start the clock; dead reckoning starts from the pose of this moment."""

@@ -31,7 +31,7 @@ class Pose:
 
     def matrix(self) -> Array:
         """Rotation matrix (3, 3) that turns local vectors into the parent frame."""
-        return np.array(tuple(zip(*axes_of(*self.quaternion), strict=True)))
+        return _matrix_of(self.quaternion)
 
     def rotate(self, vector: Vector) -> Vector:
         """Turn a local vector into the parent frame."""
@@ -77,6 +77,11 @@ def axes_of(
     )
 
 
+def _matrix_of(quaternion: Quaternion) -> Array:
+    (a, b, c), (d, e, f), (g, h, i) = axes_of(*quaternion)
+    return np.array(((a, d, g), (b, e, h), (c, f, i)))
+
+
 def rotation_matrices(quaternions: Array) -> Array:
     """Rotation matrices (n, 3, 3) of unit quaternions (n, 4), w x y z; see `Pose.matrix`."""
     rows = list(zip(*axes_of(*quaternions.T), strict=True))
@@ -85,7 +90,8 @@ def rotation_matrices(quaternions: Array) -> Array:
 
 def rotation_matrix(quaternion: Array) -> Array:
     """Rotation matrix (3, 3) of a unit quaternion (4,), w x y z; see `Pose.matrix`."""
-    return np.array(tuple(zip(*axes_of(*quaternion.tolist()), strict=True)))
+    w, x, y, z = quaternion.tolist()
+    return _matrix_of((w, x, y, z))
 
 
 def pose_of(position: Array, quaternion: Array) -> Pose:

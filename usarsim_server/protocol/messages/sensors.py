@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 from usarsim_server.protocol.dialects import FACETS
@@ -57,13 +58,18 @@ def sensor_line(
     """
     if not items:
         return ""
-    body = ["SEN"] if time is None else ["SEN", time_segment(time, time_digits)]
-    body.append(label("Type", wire_type))
     if multi_pair and FACETS[dialect].multi_pair:
-        body += [_multi_pair(item) for item in items]
+        body = [_multi_pair(item) for item in items]
     else:
-        body += _separate(items)
-    return " ".join(body)
+        body = _separate(items)
+    return " ".join([_head(wire_type, time, time_digits), *body])
+
+
+@lru_cache(maxsize=256)
+def _head(wire_type: str, time: float | None, digits: int) -> str:
+    """How a line begins; remembered, because all robots have the same ones at one instant."""
+    stamp = () if time is None else (time_segment(time, digits),)
+    return line("SEN", *stamp, segment("Type", wire_type))
 
 
 def sensor_geometry(
@@ -108,8 +114,7 @@ def _separate(items: Sequence[Item]) -> list[str]:
     for name, segments in items:
         if name:
             body.append(label("Name", name))
-        for key, value in segments:
-            body.append(segment(key, value))
+        body += [segment(key, value) for key, value in segments]
     return body
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.messages.text import (
@@ -68,14 +69,33 @@ def ground_status(status: GroundStatus, dialect: Dialect, udk_order: bool = Fals
             _steer_limit("FrontSteer", status.front_steer, status.steered),
             _steer_limit("RearSteer", status.rear_steer, status.steered),
         )
-    return line(
-        "STA",
-        segment("Type", "GroundVehicle"),
-        time_segment(status.time, FACETS[dialect].time_digits),
-        number("FrontSteer", status.front_steer, _DIGITS),
-        number("RearSteer", status.rear_steer, _DIGITS),
-        *(number(token(name), value, _DIGITS) for name, value in status.joints),
-        *light_battery_view(status),
+    time = time_segment(status.time, FACETS[dialect].time_digits)
+    rest = _behind_time(
+        *(status.front_steer, status.rear_steer, status.joints),
+        *(status.light, status.light_intensity, status.battery, status.view),
+    )
+    return f"STA {{Type GroundVehicle}} {time} {rest}"
+
+
+@lru_cache(maxsize=512)
+def _behind_time(
+    front: float,
+    rear: float,
+    joints: tuple[tuple[str, float], ...],
+    light: bool,
+    intensity: int,
+    battery: int,
+    view: int,
+) -> str:
+    """What follows Time in STA of a ground robot; remembered, for of most robots it is the same
+    again and again."""
+    return " ".join(
+        (
+            number("FrontSteer", front, _DIGITS),
+            number("RearSteer", rear, _DIGITS),
+            *(number(token(name), value, _DIGITS) for name, value in joints),
+            *_light_battery_view(light, intensity, battery, view),
+        )
     )
 
 
@@ -185,11 +205,15 @@ def static_configuration(dialect: Dialect, class_name: str) -> str:
 
 def light_battery_view(status: VehicleStatus) -> tuple[str, ...]:
     """The end of most STA lines."""
+    return _light_battery_view(status.light, status.light_intensity, status.battery, status.view)
+
+
+def _light_battery_view(light: bool, intensity: int, battery: int, view: int) -> tuple[str, ...]:
     return (
-        flag("LightToggle", status.light),
-        count("LightIntensity", max(status.light_intensity, 0)),
-        count("Battery", max(status.battery, 0)),
-        count("View", status.view),
+        flag("LightToggle", light),
+        count("LightIntensity", max(intensity, 0)),
+        count("Battery", max(battery, 0)),
+        count("View", view),
     )
 
 

@@ -159,14 +159,13 @@ class WheelController(DriveController):
 
     def status(self, facts: StatusFacts, dialect: Dialect) -> str:
         front, rear = self.steering(facts, dialect)
-        vehicle = self.vehicle_status(facts, dialect)
         return messages.ground_status(
             messages.GroundStatus(
-                time=vehicle.time,
-                light=vehicle.light,
-                light_intensity=vehicle.light_intensity,
-                battery=vehicle.battery,
-                view=vehicle.view,
+                time=facts.time,
+                light=self.light,
+                light_intensity=self.light_intensity(dialect),
+                battery=facts.battery,
+                view=facts.view,
                 front_steer=front or 0.0,
                 rear_steer=rear or 0.0,
                 joints=self.joints(facts),
