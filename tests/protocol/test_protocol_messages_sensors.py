@@ -12,6 +12,7 @@ from usarsim_server.protocol.messages import (
     SensorMount,
     configuration,
     encode,
+    reading_line,
     sensor_geometry,
     sensor_line,
 )
@@ -29,6 +30,15 @@ def sonar(name: str, distance: float) -> Item:
 def scan(dialect: Dialect, beams: int, distance: float) -> Item:
     text = ranges(np.full(beams, distance), range_digits(dialect, beams))
     return Item("Scanner1", (("Resolution", "0.0174"), ("FOV", "3.1415"), ("Range", text)))
+
+
+@pytest.mark.parametrize("time", [None, 63.4021])
+@pytest.mark.parametrize("item", [sonar("F1", 1.5), Item("", (("Status", "{no}"), ("Empty", "")))])
+def test_a_reading_alone_is_a_line_of_one_item(item: Item, time: float | None) -> None:
+    """Whichever way it is written; an item without name has no Name segment."""
+    for digits in (2, 4):
+        told = reading_line("Sonar", item, time, digits)
+        assert told == sensor_line(UDK, "Sonar", [item], time, digits)
 
 
 def test_a_single_sensor_with_time() -> None:

@@ -9,7 +9,7 @@ import re
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from usarsim_server.protocol.messages import (
@@ -20,6 +20,7 @@ from usarsim_server.protocol.messages import (
     closest_path_node,
     die,
     encode,
+    encode_all,
     greeting,
     object_status,
     path_nodes,
@@ -306,3 +307,21 @@ def test_braces_are_balanced_whatever_the_names(
     vector = r"(-?\d+\.\d{4}(,|(?=\}))){3}"
     for key in ("Size", "Location", "Rotation"):
         assert re.search(rf"\{{{key} {vector}\}}", text)
+
+
+@given(st.lists(st.text(alphabet=" \r\n\t{}ab12.,-\x7f\xe9\u017e", max_size=8), max_size=5))
+@example(["SEN {Name a}", "SEN {Range 1 2}"])
+@example(["a\r\nb", "c"])
+@example(["a  b"])
+@example(["a ", "b"])
+@example(["a", " b"])
+@example([" a"])
+@example(["a\tb"])
+@example(["a", "", "b"])
+@example(["12", "3 4"])
+@example([])
+def test_many_lines_encode_as_one_by_one(texts: list[str]) -> None:
+    """Protocol reference 1.3: whatever names and values contain."""
+    once = encode_all(texts)
+    assert once == [encode(text) for text in texts]
+    assert encode_all(texts) == once, "from memory"

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -148,6 +148,12 @@ def _scale_and_template(digits: int) -> tuple[float, str]:
     return 10.0**digits, f"%.{digits}f"
 
 
+@lru_cache(maxsize=256)
+def _scale_and_templates(digits: int, count: int) -> tuple[float, str]:
+    scale, template = _scale_and_template(digits)
+    return scale, ",".join([template] * count)
+
+
 def single(value: float, digits: int) -> str:
     """Print a number as the original's own formatter does: single precision, truncated.
 
@@ -170,16 +176,15 @@ def single(value: float, digits: int) -> str:
 
 def vector(values: Iterable[float], digits: int) -> str:
     """Print numbers joined by commas without blanks, each as `fixed` does."""
-    scale, template = _scale_and_template(digits)
-    texts = []
-    for value in map(float, values):
+    numbers = [float(value) for value in values]
+    scale, template = _scale_and_templates(digits, len(numbers))
+    nearest = []
+    for value in numbers:  # as `fixed` does
         scaled = value * scale
-        if -_EXACT < scaled < _EXACT:  # as `fixed` does, without a call for each
-            near = scaled + (_SLACK if scaled >= 0.0 else -_SLACK)
-            texts.append(template % (int(near) / scale))
-        else:
-            texts.append(fixed(value, digits))
-    return ",".join(texts)
+        if not -_EXACT < scaled < _EXACT:
+            return ",".join([fixed(one, digits) for one in numbers])
+        nearest.append(int(scaled + (_SLACK if scaled >= 0.0 else -_SLACK)) / scale)
+    return template % tuple(nearest)
 
 
 def ranges(values: ArrayLike, digits: int) -> str:

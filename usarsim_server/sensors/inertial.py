@@ -151,8 +151,9 @@ class InertialNavigation(Sensor):
             return
         # Plain numbers: arrays of three take several times as long.
         drawn = self._rng.standard_normal(6).tolist()
+        sigma = self.sigma
         a, b, c, i, j, k = [
-            mean + self.sigma * one for mean, one in zip(self._means, drawn, strict=True)
+            mean + sigma * one for mean, one in zip(self._means, drawn, strict=True)
         ]
         (roll, pitch, yaw), (droll, dpitch, dyaw) = self._orientation, turn
         self._orientation = (

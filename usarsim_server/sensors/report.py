@@ -13,6 +13,7 @@ from itertools import groupby
 from usarsim_server.protocol.messages import (
     SensorMount,
     configuration,
+    reading_line,
     sensor_geometry,
     sensor_line,
 )
@@ -39,17 +40,15 @@ def sen_lines(sensors: Sequence[Sensor], time: float, dialect: Dialect) -> list[
     lines: list[str] = []
     done: set[str] = set()
     for sensor in sensors:
-        kind, batch = sensor.wire_type, dialect in sensor.batched
-        if not batch:
-            items = [sensor.item(dialect)]
-        elif kind in done:
-            continue
-        else:
-            done.add(kind)
-            items = [one.item(dialect) for one in sensors if one.wire_type == kind]
+        kind = sensor.wire_type
         stamp = time if dialect in sensor.timed else None
         digits = sensor.time_digits[dialect]
-        lines.append(sensor_line(dialect, kind, items, stamp, digits, batch))
+        if dialect not in sensor.batched:
+            lines.append(reading_line(kind, sensor.item(dialect), stamp, digits))
+        elif kind not in done:
+            done.add(kind)
+            items = [one.item(dialect) for one in sensors if one.wire_type == kind]
+            lines.append(sensor_line(dialect, kind, items, stamp, digits, multi_pair=True))
     return lines
 
 

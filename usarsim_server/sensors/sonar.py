@@ -69,7 +69,8 @@ class Sonar(SingleRange):
 
     def heard(self, nearest: float) -> float:
         """The reading (m), given how far away the nearest echo is."""
-        return max(self.echo(nearest), self.min_range)
+        echo = self.echo(nearest)
+        return echo if echo > self.min_range else self.min_range
 
     @classmethod
     def begin(cls, sensors: tuple[Self, ...], robot: RobotState) -> Begun:
@@ -123,7 +124,7 @@ class _Ring:
         self.sonars = sonars
         self._directions = np.concatenate([one.directions for one in sonars])
         self._places = np.array([one.mount.position for one in sonars])
-        self._facing = np.array([[one.facing] for one in sonars])
+        self._against = np.array([[-one.facing] for one in sonars])
         self._sent = self._directions
 
     def fan(self, robot: RobotState) -> RayFan:
@@ -131,8 +132,8 @@ class _Ring:
         first = self.sonars[0]
         carrier = first.carrier_pose(robot)
         turn = carrier.matrix().T
-        self._sent = self._directions @ turn
-        starts = self._places @ turn + np.array(carrier.position)
+        self._sent = self._directions.dot(turn)  # `@` takes half as long again
+        starts = self._places.dot(turn) + np.array(carrier.position)
         one = len(starts) == 1
         origin = starts[0] if one else starts.repeat(len(first.directions), axis=0)
         return RayFan(origin, self._sent, first.max_range, normals=True)
@@ -143,7 +144,7 @@ class _Ring:
         if hits.normals is None:
             return distances[:, 0]
         against = np.einsum("ij,ij->i", hits.normals, self._sent).reshape(distances.shape)
-        heard = against < -self._facing
+        heard = against < self._against
         heard[:, 0] = True  # the centre ray counts whatever it meets
         # Called as it is: the method of arrays takes twice as long.
         echoes: Array = np.minimum.reduce(np.where(heard, distances, np.inf), axis=1)

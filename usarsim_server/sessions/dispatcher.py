@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from usarsim_server.logs import Log
-from usarsim_server.protocol.messages import encode
+from usarsim_server.protocol.messages import encode_all
 from usarsim_server.sessions.session import Session
 from usarsim_server.simulation.rays.query import PendingReport, RayHits
 
@@ -146,7 +146,7 @@ class Dispatcher:
             written: list[tuple[Session, list[bytes]]] = []
             for (caller, report), hits in zip(group, answers, strict=True):
                 try:
-                    written.append((caller, [encode(line) for line in report.finish(hits)]))
+                    written.append((caller, encode_all(report.finish(hits))))
                 except Exception as error:
                     caller.fail(error)
             for caller, lines in written:

@@ -1,9 +1,9 @@
 """Everything the server says: one function per kind of line, plain values in, text out.
 
 All functions return one line without its end; an empty text means that nothing is to be sent.
-`encode` turns a line into the bytes of one write. Between any two segments there is exactly one
-blank, also where the original glued them (protocol reference 1.3); only the configuration of
-cameras in `udk` keeps the original's form.
+`encode` turns a line into the bytes of one write, `encode_all` many. Between any two segments there
+is exactly one blank, also where the original glued them (protocol reference 1.3); only the
+configuration of cameras in `udk` keeps the original's form.
 """
 
 from usarsim_server.protocol.messages.actuators import (
@@ -29,10 +29,11 @@ from usarsim_server.protocol.messages.sensors import (
     SensorMount,
     camera_configuration,
     configuration,
+    reading_line,
     sensor_geometry,
     sensor_line,
 )
-from usarsim_server.protocol.messages.text import encode
+from usarsim_server.protocol.messages.text import encode, encode_all
 from usarsim_server.protocol.messages.vehicles import (
     GroundStatus,
     VehicleStatus,
@@ -84,6 +85,7 @@ __all__ = [
     "effector_geometry",
     "effector_status",
     "encode",
+    "encode_all",
     "greeting",
     "gripper_item",
     "ground_configuration",
@@ -97,6 +99,7 @@ __all__ = [
     "nautic_status",
     "object_status",
     "path_nodes",
+    "reading_line",
     "result",
     "sensor_geometry",
     "sensor_line",

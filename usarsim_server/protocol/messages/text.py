@@ -11,8 +11,12 @@ from usarsim_server.protocol.numbers import boolean, fixed, vector
 _BRACES = str.maketrans("{}", "()")
 # Blanks and ASCII control characters; bytes above 127 belong to names and pass through.
 _BLANKS = re.compile(r"[\x00-\x20\x7f]+")
-_BLANK_BYTES = re.compile(rb"[\x00-\x20\x7f]+")
-_CONTROLS = bytes([*range(32), 127])
+_DIGITS = b"0123456789.,-"
+_LONG_FRAME = 4096
+"""Bytes without digits from which on a report is not remembered."""
+# In lines that each end with CR LF: any other control character, blanks at either end of a line,
+# runs of them, empty lines.
+_UNTIDY = re.compile(rb"[\x00-\x09\x0b\x0c\x0e-\x1f\x7f]|  | \r|(?:\A|\n)[ \r]")
 
 
 def encode(text: str) -> bytes:
@@ -21,12 +25,29 @@ def encode(text: str) -> bytes:
     Runs of blanks, tabs, line ends and other control characters shrink to one blank and vanish at
     the ends, whatever a name contains. Characters outside Latin-1 become question marks.
     """
-    raw = text.encode("latin-1", "replace")
-    # To leave nothing out is the fastest way through a long line.
-    clean = len(raw.translate(None, _CONTROLS)) == len(raw) and b"  " not in raw
-    if not clean or raw[:1] == b" " or raw[-1:] == b" ":
-        raw = _BLANK_BYTES.sub(b" ", raw).strip(b" ")
-    return raw + b"\r\n" if raw else b""
+    if not text.isprintable() or "  " in text or text[:1] == " " or text[-1:] == " ":
+        text = _BLANKS.sub(" ", text).strip(" ")
+    return text.encode("latin-1", "replace") + b"\r\n" if text else b""
+
+
+def encode_all(texts: Sequence[str]) -> list[bytes]:
+    """Encode many lines, such as those of a report, each as `encode` does.
+
+    Nearly all lines need no change. Without digits and points those of many reports are the same,
+    and short; what is tidy then is tidy with them.
+    """
+    raw = "\r\n".join((*texts, "")).encode("latin-1", "replace")
+    frame = raw.translate(None, _DIGITS)
+    if len(frame) < _LONG_FRAME and _is_tidy(frame):
+        lines = raw.splitlines(keepends=True)
+        if len(lines) == len(texts):  # else one has a line end inside
+            return lines
+    return [encode(text) for text in texts]
+
+
+@lru_cache(maxsize=256)
+def _is_tidy(lines: bytes) -> bool:
+    return _UNTIDY.search(lines) is None
 
 
 def line(head: str, *segments: str) -> str:
