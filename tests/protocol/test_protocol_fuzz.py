@@ -260,6 +260,7 @@ LINES: dict[str, st.SearchStrategy[str]] = {
         st.sampled_from([2, 4]),
         st.booleans(),
     ),
+    "reading": st.builds(m.reading_line, TEXT, ITEM, st.none() | ANY, st.sampled_from([2, 4])),
     "sensor geometry": st.builds(
         m.sensor_geometry,
         DIALECT,
@@ -329,7 +330,7 @@ def check_line(data: bytes, form: re.Pattern[bytes] = WELL_FORMED) -> None:
 
 def test_every_kind_of_line_is_fuzzed() -> None:
     """A new function of `messages` that returns a line cannot be forgotten here."""
-    helpers = {"encode", "gripper_item", "tool_changer_item"}
+    helpers = {"encode", "encode_all", "gripper_item", "tool_changer_item"}
     functions = {name for name in m.__all__ if name.islower()} - helpers
     assert len(LINES) == len(functions)
 

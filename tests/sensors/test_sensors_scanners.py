@@ -409,3 +409,10 @@ def test_the_text_has_no_more_beams_than_the_printed_numbers_say() -> None:
         assert sensor.rows <= math.floor(steps[0] + 1e-6) + 1
         assert sensor.columns <= math.floor(steps[1] + 1e-6) + 1
     assert "{MaxRange" in text_of(sensor.configuration(UDK))
+
+
+def test_scanners_alike_share_their_directions() -> None:
+    """So those of a team are kept once; those of others stay their own."""
+    one, other, finer = make("SICK", "a"), make("SICK", "b"), make("SICK", "c", resolution=0.01)
+    assert one._directions is other._directions
+    assert len(finer._directions) > len(one._directions)

@@ -12,6 +12,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,6 +140,17 @@ def wire_directions(yaw: Array | float, pitch: Array | float = 0.0) -> Array:
     columns = (np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), -np.sin(pitch))
     directions: Array = np.column_stack(columns) * _FLIP
     return directions
+
+
+_SHARED: WeakValueDictionary[bytes, Array] = WeakValueDictionary()
+
+
+def shared(directions: Array) -> Array:
+    """An equal array that all sensors share; not to be written to.
+
+    Those of a whole team are in the processor's cache then, and not one of each robot.
+    """
+    return _SHARED.setdefault(directions.tobytes(), directions)
 
 
 def cone_directions(half_angle: float, cones: int, rays_per_cone: int) -> Array:

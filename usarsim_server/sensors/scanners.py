@@ -20,7 +20,7 @@ from usarsim_server.protocol.numbers import boolean, fixed, ranges, vector
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
 from usarsim_server.sensors.base import EVERYWHERE, SensorContext, register
-from usarsim_server.sensors.ranges import LightRanging, Ranging, fan_at, wire_directions
+from usarsim_server.sensors.ranges import LightRanging, Ranging, fan_at, shared, wire_directions
 from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 from usarsim_server.tables import Table
@@ -61,7 +61,7 @@ class RangeScanner(LightRanging):
         super().__init__(item, context)
         check_resolution(self.parameters, self.resolution, self.fov)
         self.beams = beam_count(self.fov, self.resolution, self.last_beam)
-        self._directions = self._scan_directions()
+        self._directions = shared(self._scan_directions())
         self._ranges: Array = np.full(self.beams, self.max_range)
         self._heads = {dialect: self._head(dialect) for dialect in Dialect}
         self._digits = {dialect: self._range_digits(dialect) for dialect in Dialect}

@@ -23,7 +23,7 @@ from usarsim_server.protocol.numbers import fixed
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
 from usarsim_server.sensors.base import Begun, Sensor, SensorContext, register
-from usarsim_server.sensors.ranges import SingleRange, cone_directions
+from usarsim_server.sensors.ranges import SingleRange, cone_directions, shared
 from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
@@ -122,7 +122,7 @@ class _Ring:
     def __init__(self, sonars: tuple[Sonar, ...]) -> None:
         """Put sonars together whose `likeness` is equal."""
         self.sonars = sonars
-        self._directions = np.concatenate([one.directions for one in sonars])
+        self._directions = shared(np.concatenate([one.directions for one in sonars]))
         self._places = np.array([one.mount.position for one in sonars])
         self._against = np.array([[-one.facing] for one in sonars])
         self._sent = self._directions
