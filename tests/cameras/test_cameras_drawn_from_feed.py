@@ -49,6 +49,7 @@ class Rebuilt:
             self._add(world.add_body(pos=row[:3], quat=row[3:]), geoms, message, name)
         self.model = self._spec.compile()
         self.model.stat.extent = extent
+        self.groups = self.model.geom_group.copy()
         self.data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self.data)
 

@@ -97,6 +97,8 @@ class Wanted:
     depth: bool = False
     albedo: bool = False
     geoms: bool = False
+    exact: bool = False
+    """To the pixel the same whatever else is wanted; else edges may move by a part of one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

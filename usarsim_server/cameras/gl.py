@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.cameras.backend import NEAR, SKY, Quality, Shot, Wanted, far_plane
+from usarsim_server.cameras.drawing import Drawing, Lists
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.view import Eye
 
@@ -46,7 +47,7 @@ class GlBackend:
         self._stage: Stage | None = None
         self._renderer: mujoco.MjrContext | None = None
         self._assets: tuple[object, ...] = ()
-        self._option = mujoco.MjvOption()
+        self._lists = Lists(SLICES, STACKS)
         self._size = (0, 0)
         self._buffers: dict[tuple[int, int], _Buffers] = {}
 
@@ -57,6 +58,10 @@ class GlBackend:
         assert self._renderer is not None
         buffers = self._buffers_of(eye)
         self._aim(stage, eye)
+        if wanted.exact or wanted.geoms:
+            self._drawing.everything(self._scene)
+        else:
+            self._drawing.seen(self._scene, eye, cull=not self._quality.shadows)
         area = mujoco.MjrRect(0, 0, eye.width, eye.height)
         mujoco.mjr_render(area, self._scene, self._renderer)
         raw = buffers.raw_depth if wanted.depth else None
@@ -65,6 +70,11 @@ class GlBackend:
         albedo = self._albedo(area, buffers) if wanted.albedo else None
         geoms = self._geoms(area, buffers) if wanted.geoms else None
         return Shot(buffers.colors[::-1], depth, albedo, geoms)
+
+    @property
+    def drawn(self) -> int:
+        """Geoms and batches of the picture made last, in sight as far as one can tell."""
+        return int(self._scene.ngeom)
 
     def _buffers_of(self, eye: Eye) -> _Buffers:
         size = eye.width, eye.height
@@ -111,9 +121,12 @@ class GlBackend:
         if self._renderer is None or assets != self._assets:
             self._load(model)
             self._assets = assets
+        assert self._renderer is not None
+        self._drawing = Drawing(stage, self._lists, self._renderer.baseHField)
         self._stage = stage
 
     def _load(self, model: mujoco.MjModel) -> None:
+        self._lists.clear()
         if self._renderer is not None:
             self._renderer.free()
         quality = model.vis.quality
@@ -130,7 +143,7 @@ class GlBackend:
     # -- one picture -------------------------------------------------------------------------
 
     def _aim(self, stage: Stage, eye: Eye) -> None:
-        """Put the camera of the scene at the eye, then everything else into the scene."""
+        """Put the camera of the scene at the eye, and the lights into the scene."""
         scene, model = self._scene, stage.model
         turn = eye.pose.matrix()
         half_width = NEAR * eye.slope
@@ -140,9 +153,6 @@ class GlBackend:
             camera.frustum_center, camera.frustum_width = 0.0, half_width
             camera.frustum_bottom, camera.frustum_top = -half_height, half_height
             camera.frustum_near, camera.frustum_far = NEAR, far_plane(model)
-        scene.ngeom = 0
-        everything = int(mujoco.mjtCatBit.mjCAT_ALL)
-        mujoco.mjv_addGeoms(model, stage.data, self._option, _NO_HAND, everything, scene)
         mujoco.mjv_makeLights(model, stage.data, scene)
 
     def _metres(self, stage: Stage, buffers: _Buffers) -> NDArray[np.float32]:
@@ -221,10 +231,6 @@ class _Buffers:
             limits = np.float32(SKY * far) / self.eye.rays().lengths()
             self._sky = self.eye.fov, far, limits
         return self._sky[2]
-
-
-_NO_HAND = mujoco.MjvPerturb()
-"""Nobody drags things about with a mouse."""
 
 
 def _assets(model: mujoco.MjModel) -> tuple[object, ...]:

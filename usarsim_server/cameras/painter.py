@@ -97,7 +97,8 @@ class Painter:
         if view.mode == "rgb":
             return self.tile(eye, snapshot).copy()
         depth = view.mode == "depth"
-        shot = self._backend.render(self._show(snapshot), eye, Wanted(depth=depth, geoms=not depth))
+        wanted = Wanted(depth=depth, geoms=not depth, exact=True)
+        shot = self._backend.render(self._show(snapshot), eye, wanted)
         answer = shot.depth if depth else shot.geoms
         assert answer is not None
         return answer.copy()

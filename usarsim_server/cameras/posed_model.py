@@ -24,6 +24,7 @@ class Stage:
     Attributes:
         model: nothing sleeps in it; parked robots and things are in `HIDDEN_GROUP`.
         data: poses of the snapshot shown last; lights included.
+        groups: (ngeom,) groups of the geoms while nothing is parked.
     """
 
     def __init__(self, world: CompiledWorld) -> None:
@@ -33,7 +34,7 @@ class Stage:
         self.data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self.data)
         self._layouts = world.layouts
-        self._groups = self.model.geom_group.copy()
+        self.groups = self.model.geom_group.copy()
         self._mocap = mocap_bodies(self.model)
         self._snapshot: Snapshot | None = None
         self._fronts: dict[int, Pose] = {}
@@ -48,7 +49,7 @@ class Stage:
         mujoco.mj_camlight(model, data)
         present = {layout.slot for layout in snapshot.layouts.values()}
         for layout in self._layouts:
-            shown = self._groups[layout.geoms] if layout.slot in present else HIDDEN_GROUP
+            shown = self.groups[layout.geoms] if layout.slot in present else HIDDEN_GROUP
             model.geom_group[layout.geoms] = shown
         self._snapshot = snapshot
 
