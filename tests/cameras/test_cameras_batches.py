@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from usarsim_server.cameras.backend import Quality, Wanted
-from usarsim_server.cameras.batches import CELL, batches, shape
+from usarsim_server.cameras.batches import CELL, batches, rgba, shape
 from usarsim_server.cameras.facets import facets
 from usarsim_server.cameras.gl import GlBackend
 from usarsim_server.cameras.posed_model import HIDDEN_GROUP, Stage
@@ -160,7 +160,7 @@ class TestBatches:
             ),
             key=lambda batch: len(batch.geoms),
         )
-        corners = shape(stage.model, batch.geoms, 12, 6)[:, :3].astype(float)
+        corners = shape(stage.model, batch.geoms, rgba(stage.model), 12, 6)[:, :3].astype(float)
         turn = stage.data.geom_xmat[batch.leader].reshape(3, 3)
         places = corners @ turn.T + stage.data.geom_xpos[batch.leader]
         for geom in batch.geoms:

@@ -77,13 +77,17 @@ def batches(model: mujoco.MjModel, groups: NDArray[np.int32]) -> tuple[Batch, ..
 
 
 def shape(
-    model: mujoco.MjModel, geoms: Sequence[int], slices: int, stacks: int
+    model: mujoco.MjModel,
+    geoms: Sequence[int],
+    colors: NDArray[np.float32],
+    slices: int,
+    stacks: int,
 ) -> NDArray[np.float32]:
     """Corners (n, 10) of the triangles of a batch, in the frame of the leader.
 
-    Each has its place, its normal and its colour.
+    Each has its place, its normal and its colour, which are those of `rgba`.
     """
-    colors, found = rgba(model), []
+    found = []
     first = geoms[0]
     home = rotation_matrix(model.geom_quat[first])
     for geom in geoms:

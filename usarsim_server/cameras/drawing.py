@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.cameras.backend import NEAR
-from usarsim_server.cameras.batches import Batch, batches, roundest, shape
+from usarsim_server.cameras.batches import Batch, batches, rgba, roundest, shape
 from usarsim_server.cameras.posed_model import HIDDEN_GROUP, Stage
 from usarsim_server.cameras.view import Eye
 from usarsim_server.simulation.frames import Array
@@ -46,9 +46,10 @@ class Lists:
         keep = {batch.key for batch in wanted}
         for key in self._made.keys() - keep:
             self._drop(key)
+        colors = rgba(model)
         for batch in wanted:
             if batch.key not in self._made:
-                self._made[batch.key] = self._make(model, batch)
+                self._made[batch.key] = self._make(model, batch, colors)
         return [self._made[batch.key] for batch in wanted]
 
     def clear(self) -> None:
@@ -59,11 +60,11 @@ class Lists:
     def _drop(self, key: bytes) -> None:
         self._gl.glDeleteLists(self._made.pop(key).first, len(self._details))
 
-    def _make(self, model: mujoco.MjModel, batch: Batch) -> _Made:
+    def _make(self, model: mujoco.MjModel, batch: Batch, colors: NDArray[np.float32]) -> _Made:
         gl = self._gl
         first = int(gl.glGenLists(len(self._details)))
         for number, detail in enumerate(self._details):
-            corners = shape(model, batch.geoms, *detail)
+            corners = shape(model, batch.geoms, colors, *detail)
             gl.glNewList(first + number, gl.GL_COMPILE)
             self._draw(corners)
             gl.glEndList()

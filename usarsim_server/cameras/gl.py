@@ -2,7 +2,7 @@
 
 Measured on llvmpipe (two cores, 320x240, 22 000 triangles): MuJoCo's defaults, a shadow map of 4096
 and four samples per pixel, 115 ms; without either, 6.7 ms; coarser round shapes halve what is left.
-So that is what one gets unless one asks for more.
+So that is what one gets unless one asks for more, and what `drawing.py` does halves it again.
 """
 
 from __future__ import annotations
