@@ -38,6 +38,7 @@ PHYSICS: Mapping[str, Any] = {
     "cost_per_robot": 0.005,
     "core_left": 0.9,
     "not_compiled": "no C compiler (cc)",
+    "rays_compiled": False,
 }
 RAYS: Mapping[str, Any] = {
     "beams": 181,
@@ -176,6 +177,8 @@ def test_whether_steps_are_compiled_is_said(measured: dict[str, Mapping[str, Any
     without = judge_steps(Outcome(PHYSICS))
     assert without.mark is Mark.NOTE
     assert without.text.endswith("no C compiler (cc)")
+    steps_alone = judge_steps(Outcome({**PHYSICS, "not_compiled": ""}))
+    assert (steps_alone.mark, "Embree" in steps_alone.text) == (Mark.NOTE, True)
 
 
 def test_what_cannot_be_measured_is_one_line() -> None:

@@ -21,6 +21,7 @@ from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.settings import Settings
 from usarsim_server.simulation import native
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.rays.compiled import ray_code
 from usarsim_server.simulation.rays.query import PendingReport, RayFan
 from usarsim_server.simulation.snapshot import Snapshot
 
@@ -209,8 +210,8 @@ def _half_circle(vehicle: Vehicle, snapshot: Snapshot, beams: int) -> RayFan:
 
 
 def physics(settings: Settings, _: str) -> dict[str, object]:
-    """Steps per s of processor time with a driving team, what of that each robot costs, and why
-    its steps are not compiled, if they are not."""
+    """Steps per s of processor time with a driving team, what of that each robot costs, why its
+    steps are not compiled, if they are not, and whether rays are."""
     team = _team(settings.timestep)
     large, share = team.pace(MEASURED)
     team.shrink(SMALL_TEAM)
@@ -226,6 +227,7 @@ def physics(settings: Settings, _: str) -> dict[str, object]:
         "cost_per_robot": per_robot,
         "core_left": share,
         "not_compiled": native.library()[1],
+        "rays_compiled": ray_code() is not None,
     }
 
 

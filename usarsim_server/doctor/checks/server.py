@@ -111,10 +111,11 @@ def judge_physics(outcome: Outcome, context: Context) -> Finding:
 
 
 def judge_steps(outcome: Outcome) -> Finding:
-    """Whether servos and contact compensation are compiled."""
+    """Whether servos, contact compensation and rays are compiled."""
     reason = str(outcome.values["not_compiled"])
-    if not reason:
-        return Finding("steps", Mark.OK, "servos and contact compensation are compiled")
+    if not reason and outcome.values["rays_compiled"]:
+        return Finding("steps", Mark.OK, "servos, contact compensation and rays are compiled")
+    reason = reason or "Embree's library cannot be called for rays"
     return Finding("steps", Mark.NOTE, f"not compiled, so somewhat slower: {reason}")
 
 
