@@ -26,6 +26,7 @@ from usarsim_server.protocol.messages import (
     static_status,
     viewports_result,
 )
+from usarsim_server.protocol.numbers import fixed
 from usarsim_server.protocol.values import Dialect
 
 UT2004, UDK = Dialect.UT2004, Dialect.UDK
@@ -257,6 +258,15 @@ def test_status_of_a_legged_machine() -> None:
         "STA {Type LeggedRobot} {Time 12.30} {HeadYaw 0.0000} {LightToggle True}"
         " {LightIntensity 100} {Battery 77} {View 2}"
     )
+
+
+@pytest.mark.parametrize("value", [0.00019999, -0.00001, -1.9999999, 3e14, -math.inf, math.nan])
+def test_joints_are_told_as_single_numbers_are(value: float) -> None:
+    """Whatever their names and places are."""
+    joints = [("Left Knee", value), ("100%s", -0.5), ("{%", 7.0)]
+    line = messages.legged_status(messages.VehicleStatus(time=1.0), joints, UDK)
+    told = f"{{Left_Knee {fixed(value, 4)}}} {{100%s -0.5000}} {{(% 7.0000}}"
+    assert line.partition("{Type LeggedVehicle} ")[2] == told
 
 
 def test_status_of_an_underwater_machine() -> None:

@@ -114,7 +114,8 @@ def _tell_clamped(link: LinkDescription, order: Order, value: float) -> None:
     elif order is not Order.POSITION:
         high = link.max_speed if order is Order.VELOCITY else link.max_torque
         low = -high
-    within(f"{link.joint}: {order.name.lower()}", value, low, high)
+    if not low <= value <= high:
+        within(f"{link.joint}: {order.name.lower()}", value, low, high)
 
 
 class Actuator:
@@ -228,8 +229,8 @@ class Articulation:
             for link in actuator.links
             if link.follows is not None
         }
-        self._loose = tuple(
-            link for one in robot.actuators if not one.package for link in one.links
+        self._told = tuple(
+            link.joint for one in robot.actuators if not one.package for link in one.links
         )
 
     # -- commands ----------------------------------------------------------------------------
@@ -248,16 +249,14 @@ class Articulation:
                 self._move(request.name, request.groups, 0)
                 self._grip(request.name, request.gripper)
             case MultiDrive():
-                for name in request.joints:
-                    if name not in self._joints:
+                orders = {}
+                for name, value in request.joints.items():
+                    link = self._joints.get(name)
+                    if link is None:
                         _log.debug("there is no such joint", joint=name)
-                self._command(
-                    {
-                        self._joints[name].joint: JointOrder(Order.POSITION, value)
-                        for name, value in request.joints.items()
-                        if name in self._joints
-                    }
-                )
+                    else:
+                        orders[link.joint] = JointOrder(Order.POSITION, value)
+                self._command(orders)
 
     def drive(self, request: Drive) -> None:
         """The single joint form of DRIVE (protocol reference 3.4.6)."""
@@ -420,4 +419,4 @@ class Articulation:
 
     def joints(self, state: RobotBody) -> tuple[tuple[str, float], ...]:
         """Name and position (rad or m) of the joints that STA tells of, such as flippers."""
-        return tuple((link.joint, state.joint_position(link.joint)) for link in self._loose)
+        return tuple(zip(self._told, state.joint_positions(self._told), strict=True))

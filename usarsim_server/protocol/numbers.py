@@ -56,7 +56,7 @@ def read_number(text: str) -> float:
     are clamped to it.
     """
     text = text[:_MAX_NUMBER_TEXT]
-    if comma := _DECIMAL_COMMA.match(text):
+    if "," in text and (comma := _DECIMAL_COMMA.match(text)):
         value = float(f"{comma[1]}.{comma[2]}")
     elif plain := _NUMBER.match(text):
         value = float(plain[1])
@@ -149,9 +149,8 @@ def _scale_and_template(digits: int) -> tuple[float, str]:
 
 
 @lru_cache(maxsize=256)
-def _scale_and_templates(digits: int, count: int) -> tuple[float, str]:
-    scale, template = _scale_and_template(digits)
-    return scale, ",".join([template] * count)
+def _joined_template(digits: int, count: int) -> str:
+    return ",".join([_scale_and_template(digits)[1]] * count)
 
 
 def single(value: float, digits: int) -> str:
@@ -177,14 +176,23 @@ def single(value: float, digits: int) -> str:
 def vector(values: Iterable[float], digits: int) -> str:
     """Print numbers joined by commas without blanks, each as `fixed` does."""
     numbers = [float(value) for value in values]
-    scale, template = _scale_and_templates(digits, len(numbers))
+    nearest = printable(numbers, digits)
+    if nearest is None:
+        return ",".join([fixed(one, digits) for one in numbers])
+    return _joined_template(digits, len(numbers)) % nearest
+
+
+def printable(values: Iterable[float], digits: int) -> tuple[float, ...] | None:
+    """Numbers that plain `%` formatting with so many digits prints as `fixed` prints these; None if
+    there are none, for too large ones."""
+    scale, _ = _scale_and_template(digits)
     nearest = []
-    for value in numbers:  # as `fixed` does
+    for value in values:
         scaled = value * scale
         if not -_EXACT < scaled < _EXACT:
-            return ",".join([fixed(one, digits) for one in numbers])
+            return None
         nearest.append(int(scaled + (_SLACK if scaled >= 0.0 else -_SLACK)) / scale)
-    return template % tuple(nearest)
+    return tuple(nearest)
 
 
 def ranges(values: ArrayLike, digits: int) -> str:

@@ -302,22 +302,34 @@ class JointServos(_Servos):
 
         Positions and speeds beyond the limits are taken for the limits, torques likewise.
         """
-        for name, (order, value) in orders.items():
-            joint = self._index[slot].get(name.lower())
-            if joint is not None:
+        index = self._index[slot]
+        found = [(index.get(name.lower()), one) for name, one in orders.items()]
+        known = [(joint, one) for joint, one in found if joint is not None]
+        if all(order is Order.POSITION for _, (order, _) in known):
+            self._send([joint for joint, _ in known], [value for _, (_, value) in known])
+        else:
+            for joint, (order, value) in known:
                 self._order(joint, order, value)
         self._begin()
+
+    def _send(self, joints: list[int], places: Sequence[float] | Array) -> None:
+        """Have joints take places, or what is next to them within their limits."""
+        self._positioned[joints] = True
+        self._push[joints] = np.inf
+        low, high = self._low[joints], self._high[joints]
+        self._target[joints] = np.minimum(np.maximum(places, low), high)
 
     def _order(self, joint: int, order: Order, value: float) -> None:
         fastest = self._max_speed[joint]
         if order is Order.STIFFNESS:
             self._share[joint] = min(max(value, 0.0), 1.0)
             return
-        self._positioned[joint] = order is Order.POSITION
-        self._push[joint] = np.inf
         if order is Order.POSITION:
-            self._target[joint] = min(max(value, self._low[joint]), self._high[joint])
-        elif order is Order.VELOCITY:
+            self._send([joint], [value])
+            return
+        self._positioned[joint] = False
+        self._push[joint] = np.inf
+        if order is Order.VELOCITY:
             self._rate[joint] = min(max(value, -fastest), fastest)
         else:
             self._rate[joint] = math.copysign(fastest, value) if value else 0.0
@@ -326,10 +338,7 @@ class JointServos(_Servos):
     def hold(self, slot: int, data: mujoco.MjData) -> None:
         """Have the joints of a slot keep the places that they have now."""
         chosen = list(self._index[slot].values())
-        here = data.qpos[self._coordinates[chosen]]
-        self._positioned[chosen] = True
-        self._target[chosen] = np.clip(here, self._low[chosen], self._high[chosen])
-        self._push[chosen] = np.inf
+        self._send(chosen, data.qpos[self._coordinates[chosen]])
         self._begin()
 
     def release(self, slot: int, data: mujoco.MjData) -> None:

@@ -6,7 +6,7 @@ Only the physics thread touches live MuJoCo data. After a step it publishes a `S
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
@@ -156,6 +156,12 @@ class RobotBody:
     def joint_position(self, joint: str) -> float:
         """Position of a joint by name (any case), rad or m. Raises KeyError if unknown."""
         return float(self.snapshot.qpos[self.layout.joint_qpos[joint.lower()]])
+
+    def joint_positions(self, joints: Sequence[str]) -> list[float]:
+        """Positions of many joints at once, see `joint_position`."""
+        places = [self.layout.joint_qpos[one.lower()] for one in joints]
+        positions: list[float] = self.snapshot.qpos[places].tolist()
+        return positions
 
     def joint_velocity(self, joint: str) -> float:
         """Rate of a joint by name (any case), rad/s or m/s. Raises KeyError if unknown."""

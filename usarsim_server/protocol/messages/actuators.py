@@ -22,6 +22,7 @@ from usarsim_server.protocol.messages.text import (
     line,
     listing,
     number,
+    numbers,
     segment,
     time_segment,
     token,
@@ -291,7 +292,7 @@ def legged_status(
     """
     kind = segment("Type", _LEGGED[dialect])
     stamp = time_segment(status.time, FACETS[dialect].time_digits)
-    values = [number(token(name), value, _DIGITS) for name, value in joints]
+    values = numbers(joints, _DIGITS)
     if dialect is Dialect.UDK:
         return line("STA", stamp, count("Battery", max(status.battery, 0)), kind, *values)
     return line("STA", kind, stamp, *values, *light_battery_view(status))

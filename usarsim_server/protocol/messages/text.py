@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 
-from usarsim_server.protocol.numbers import boolean, fixed, vector
+from usarsim_server.protocol.numbers import boolean, fixed, printable, vector
 
 _BRACES = str.maketrans("{}", "()")
 # Blanks and ASCII control characters; bytes above 127 belong to names and pass through.
@@ -77,6 +77,26 @@ def label(key: str, value: str) -> str:
 def number(key: str, value: float, digits: int) -> str:
     """A segment with one decimal number."""
     return segment(key, fixed(value, digits))
+
+
+def numbers(items: Sequence[tuple[str, float]], digits: int) -> list[str]:
+    """Segments with one decimal number each, for `line`; names become words, see `token`.
+
+    For names that come again and again, such as those of joints.
+    """
+    if not items:
+        return []
+    names, values = zip(*items, strict=True)
+    nearest = printable(values, digits)
+    if nearest is None:
+        return [number(token(name), value, digits) for name, value in items]
+    return [_frame(names, digits) % nearest]
+
+
+@lru_cache(maxsize=256)
+def _frame(names: tuple[str, ...], digits: int) -> str:
+    """What `numbers` gives, with templates for the numbers."""
+    return " ".join([segment(token(one).replace("%", "%%"), f"%.{digits}f") for one in names])
 
 
 def count(key: str, value: float) -> str:

@@ -11,9 +11,9 @@ from usarsim_server.protocol.messages.text import (
     flag,
     line,
     number,
+    numbers,
     segment,
     time_segment,
-    token,
     triple,
 )
 from usarsim_server.protocol.values import Dialect, Vector
@@ -93,7 +93,7 @@ def _behind_time(
         (
             number("FrontSteer", front, _DIGITS),
             number("RearSteer", rear, _DIGITS),
-            *(number(token(name), value, _DIGITS) for name, value in joints),
+            *numbers(joints, _DIGITS),
             *_light_battery_view(light, intensity, battery, view),
         )
     )
