@@ -29,8 +29,8 @@ from sim_fakes import ROBOT, add_box, floor, run
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.joint_servos import HOLD_STEPS, JointServos
 from usarsim_server.simulation.model import PhysicsOptions, compile_world
-from usarsim_server.simulation.servos import HOLD_STEPS, JointServos
 
 
 class TestPosition:

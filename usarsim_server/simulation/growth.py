@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.simulation.ground import Belts, Compensation, Traction
 from usarsim_server.simulation.hands import Hands
+from usarsim_server.simulation.joint_servos import JointServos
 from usarsim_server.simulation.machines import Machines
 from usarsim_server.simulation.model import (
     VACANT,
@@ -34,7 +35,7 @@ from usarsim_server.simulation.motion_laws import Laws
 from usarsim_server.simulation.movers import MovingBodies
 from usarsim_server.simulation.native import native_steps
 from usarsim_server.simulation.parts import MOST_AT_REST, Part, Parts
-from usarsim_server.simulation.servos import JointServos, WheelServos
+from usarsim_server.simulation.servos import WheelServos
 from usarsim_server.simulation.sleep import Sleep
 
 MIB = 2**20

@@ -84,7 +84,7 @@ class RobotModel:
     without joints, beside each other in the specification."""
     robot: bool = True
     """It counts as a robot; free slots of other things may be built anew as another key."""
-    joints: tuple[JointModel, ...] = ()  # drives of the joints that are no wheels (see `servos.py`)
+    joints: tuple[JointModel, ...] = ()  # drives of what is no wheel (see `joint_servos.py`)
     hands: tuple[HandModel, ...] = ()  # what takes hold of things (see `hands.py`)
     tools: tuple[ToolModel, ...] = ()
     """Further root bodies of the specification, each on a free joint of its own."""

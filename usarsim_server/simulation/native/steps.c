@@ -84,7 +84,7 @@ static void update(Work* w, const double* qpos) {
   w->steady = !(standing || changing);
 }
 
-/* _Servos.between */
+/* Servos.between */
 static void shift(mjData* d, const double* by) {
   for (int row = d->ne; row < d->ne + d->nf; row++)
     if (d->efc_type[row] == mjCNSTR_FRICTION_DOF)
