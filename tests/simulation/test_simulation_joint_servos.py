@@ -328,6 +328,23 @@ class TestState:
         assert position(engine, "slide") > 0.29
         assert position(engine, "pan", 1) == pytest.approx(0.0, abs=3e-4)
 
+    def test_growth_carries_fresh_orders_over(self) -> None:
+        """Also those that came after the last step: all goes on as without growth."""
+        states = []
+        for grows in (False, True):
+            engine = arm_engine()
+            order(engine, pan=1.0, seconds=2.008)
+            order(engine, pan=-1.0)
+            push(engine, lift=0.1)
+            if grows:
+                engine.adopt(engine.grow([ARM]))
+            dof = engine.world.layouts[0].joint_dof["lift_joint"]
+            engine.advance(1)
+            assert engine.world.model.dof_frictionloss[dof] == 0.1
+            run(engine, 0.1)
+            states.append([position(engine, name) for name in ("pan", "lift", "slide")])
+        np.testing.assert_allclose(*states, atol=1e-9)
+
     def test_round_trip(self) -> None:
         """After `restore` the set points go on as they would have gone on from `state`."""
         engine = arm_engine()
