@@ -142,7 +142,7 @@ def parse_line(line: bytes) -> list[Command]:
             after_brace = True
         elif token[0] in "{}":
             after_brace = token[0] == "}"
-        elif after_brace and (glued := _glued_word(text, token)):
+        elif after_brace and token[0] != " " and (glued := _glued_word(text, token)):
             commands.append(_command(word, segments, text, start, token.start()))
             word, start, segments = glued, token.start(), []
     commands.append(_command(word, segments, text, start, end, cut))
@@ -160,9 +160,11 @@ def _command(
 
 def _append(segments: list[Segment], inner: str) -> None:
     """Split the text of one segment at its first run of blanks; keep it unless it is empty."""
-    name, *value = _NAME_END.split(inner.strip(_BLANKS), maxsplit=1)
+    name, _, value = inner.strip(_BLANKS).partition(" ")
+    if "\t" in name:
+        name, value = _NAME_END.split(inner.strip(_BLANKS), maxsplit=1)
     if name:
-        segments.append((name, value[0] if value else ""))
+        segments.append((name, value.lstrip(_BLANKS)))
 
 
 def _glued_word(text: str, token: re.Match[str]) -> str:

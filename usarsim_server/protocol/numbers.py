@@ -62,8 +62,9 @@ def read_number(text: str) -> float:
         value = float(plain[1])
     else:
         return 0.0
-    # Adding zero turns a negative zero into a plain one.
-    return min(max(value, -MAX_MAGNITUDE), MAX_MAGNITUDE) + 0.0
+    if not -MAX_MAGNITUDE <= value <= MAX_MAGNITUDE:
+        return math.copysign(MAX_MAGNITUDE, value)
+    return value + 0.0  # turns a negative zero into a plain one
 
 
 def is_number(text: str) -> bool:
