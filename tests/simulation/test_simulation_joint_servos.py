@@ -343,7 +343,7 @@ class TestState:
             assert engine.world.model.dof_frictionloss[dof] == 0.1
             run(engine, 0.1)
             states.append([position(engine, name) for name in ("pan", "lift", "slide")])
-        np.testing.assert_allclose(*states, atol=1e-9)
+        np.testing.assert_allclose(states[0], states[1], atol=1e-9)
 
     def test_round_trip(self) -> None:
         """After `restore` the set points go on as they would have gone on from `state`."""
