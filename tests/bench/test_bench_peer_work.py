@@ -130,7 +130,7 @@ class TestInProcess:
         """Its time is that of as many steps as were made."""
         with OwnSide() as own:
             outcome = own.bare(plan_work(1, 0.5, 60.0))
-        assert outcome.simulated == pytest.approx(0.48)
+        assert outcome.simulated == pytest.approx(0.5)
         assert outcome.cpu > 0.0
 
 

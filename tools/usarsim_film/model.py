@@ -25,7 +25,7 @@ _SKY = 64  # pixels of an edge of the sky's cube
 class Posed:
     """A scene and everything that comes into it; bodies are put where a moment says.
 
-    It is what the server's renderers call a stage: `generation`, `model`, `data`.
+    It is what the server's renderers call a stage: `generation`, `model`, `data`, `groups`.
     """
 
     def __init__(self, number: int, chapter: Chapter, looks: SceneReader) -> None:
@@ -54,6 +54,7 @@ class Posed:
                 for body in looks.kinds[kind]["bodies"]:
                     self._body(body["geoms"], looks.kinds[kind], f"kind {kind}")
         self.model: mujoco.MjModel = self._spec.compile()
+        self.groups = self.model.geom_group.copy()
         lower, upper = np.array(scene["lower"]), np.array(scene["upper"])
         self.model.stat.center = (lower + upper) / 2.0
         self.model.stat.extent = max(1.0, float(np.linalg.norm(upper - lower)) / 2.0)
