@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,16 @@ def line(start: Cell, goal: Cell) -> Path:
         (start[0] + round(right * part / parts), start[1] + round(down * part / parts))
         for part in range(1, parts + 1)
     ]
+
+
+def through(start: Cell, places: Iterable[Cell]) -> Path:
+    """Neighbouring cells from one cell straight to places in turn, without the first."""
+    found: Path = []
+    for place in places:
+        if place != start:
+            found += line(start, place)
+            start = place
+    return found
 
 
 class Surroundings:

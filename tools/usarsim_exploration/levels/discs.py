@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell
+from usarsim_exploration.levels.driver import SHARP
 from usarsim_exploration.levels.grid import GridLevel, felt
 from usarsim_exploration.levels.route import SNAP, gathering, rest_of, route
 from usarsim_exploration.levels.rover import disc_cells
 from usarsim_exploration.localisation.poses import wrap
 from usarsim_exploration.planning import Path
-from usarsim_exploration.walking import line
+from usarsim_exploration.walking import through
 from usarsim_server.fields import field
 
 if TYPE_CHECKING:
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 
 _TURN = math.pi / 16
 """rad between two scans of a robot that turns; headings are whole numbers of it."""
-_SHARP = 0.7
-"""rad beside its way beyond which a robot turns on the spot."""
 _LOOKAHEAD = 4
 """Cells on the way to where a robot heads."""
 _SEES = 30
@@ -140,7 +139,7 @@ class DiscLevel(GridLevel):
             ahead = disc.way[min(_LOOKAHEAD, len(disc.way)) - 1]
             towards = math.atan2(ahead[1] - disc.cell[1], ahead[0] - disc.cell[0])
             beside = wrap(towards - disc.heading)
-            there, turns = disc.way[0], abs(beside) > _SHARP
+            there, turns = disc.way[0], abs(beside) > SHARP
             price = (
                 disc.body.view.speed * _TURN / self._turn if turns else math.dist(disc.cell, there)
             )
@@ -181,12 +180,7 @@ class DiscLevel(GridLevel):
             here, view.path = view.path[-1], []  # as near as it fits
         elif view.path:
             view.path = rest_of(view.path, here)
-        driven = view.cell
-        body.moves = []
-        for cell in [*disc.cells, here]:
-            if cell != driven:
-                body.moves += line(driven, cell)
-                driven = cell
+        body.moves = through(view.cell, [*disc.cells, here])
         view.cell, view.heading = here, disc.heading
         cells, headings = disc.cells or [disc.cell], disc.headings or [disc.heading]
         self._scan(cycle, body, cells, headings, disc.moved)

@@ -18,7 +18,7 @@ LENGTH, WIDTH = 0.32, 0.31
 """Half the length and width of a robot with some room, m."""
 _LOOKAHEAD = 0.45
 """m on the route to where a robot heads."""
-_SHARP = 0.7
+SHARP = 0.7
 """rad beside the heading beyond which it turns on the spot."""
 _FACING = 0.35
 """rad beside the goal within which a robot that has arrived sees what it came for."""
@@ -161,7 +161,7 @@ class Driver:
     ) -> tuple[float, float]:
         beside = self._beside = wrap(direction - pose[2])
         turn = float(np.clip(2.2 * beside, -_TURN, _TURN))
-        if abs(beside) > _SHARP:
+        if abs(beside) > SHARP:
             return 0.0, turn
         last = len(self._route) == 1
         speed = self.top * math.cos(beside) ** 2

@@ -42,7 +42,7 @@ from usarsim_exploration.measures.contacts import Contacts
 from usarsim_exploration.measures.reality import Ways, of_map
 from usarsim_exploration.post import Message
 from usarsim_exploration.radio import Links, Radio
-from usarsim_exploration.walking import line
+from usarsim_exploration.walking import through
 
 if TYPE_CHECKING:
     from usarsim_exploration.cycle import Cycle, Member
@@ -372,13 +372,10 @@ class ServerLevel:
         if blocked:
             self._bump(cycle, rover)
             view.path = []
-        cells = [visited[0]]
-        for cell in [*visited[1:], here]:
-            if cell != cells[-1]:
-                cells += line(cells[-1], cell)
+        driven = through(visited[0], [*visited[1:], here])
         if moved or driver.arrived:
             view.cell = here
-        body.moves = cells[1:] if view.cell == cells[-1] else []
+        body.moves = driven if driven and view.cell == driven[-1] else []
 
     def _bump(self, cycle: Cycle, rover: Rover) -> None:
         """Something that is on no map keeps the robot from going on: it takes that for a wall."""
