@@ -65,7 +65,8 @@ class Pacer:
 
     def present(self, wall: float) -> float:
         """The simulated time that the clock stands at; never before the first `wait`."""
-        return self._simulated + (wall - (self._wall or wall)) * self._speed
+        since = 0.0 if self._wall is None else wall - self._wall
+        return self._simulated + since * self._speed
 
     def report(self, simulated: float, wall: float) -> PaceReport | None:
         """A report when real time is lost, and one when it is found again; None otherwise."""
