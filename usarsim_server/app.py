@@ -145,7 +145,8 @@ def assemble(settings: Settings) -> Assembly:
     gate = SpawnGate(settings.robot_rate, float(max(_LEAST_BURST, settings.max_robots)))
     # At a pace the physics looks for itself, once in a while, and is not woken for each report.
     unpaced = math.isinf(settings.speed)
-    dispatcher = Dispatcher(simulation.cast_all, simulation.attention if unpaced else None)
+    attention = simulation.attention if unpaced else None
+    dispatcher = Dispatcher(simulation.cast_all, attention, simulation.moment)
     simulation.wake_batched(dispatcher.batched)
     options = _role_options(settings)
     roles = Roles(world, simulation, robots, objects, avatars, gate.admit, gate.forget, options)

@@ -11,6 +11,7 @@ sends that floods the server, until it has been worked off.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import deque
@@ -36,16 +37,27 @@ _log = Log("robots")
 class Dispatcher:
     """Serves everybody who calls."""
 
-    def __init__(self, cast_all: CastAll, on_idle: Callable[[], None] | None) -> None:
+    def __init__(
+        self,
+        cast_all: CastAll,
+        on_idle: Callable[[], None] | None,
+        moment: Callable[[float], float] = lambda _: -math.inf,
+    ) -> None:
         """Make a dispatcher; its thread starts with the first call.
 
         Args:
             cast_all: see there.
             rested: called whenever somebody has nothing left to do but to write, and again when
                 that is done (a world without pace waits for that); None: nobody waits.
+            moment: wall time (`time.perf_counter`) at which the reports of a simulated time leave;
+                those that are ready earlier wait for it. The world is ahead of the clock at a
+                pace, so streams are as even as the clock unless reports take longer than that.
         """
         self._cast_all = cast_all
         self._on_idle = on_idle or (lambda: None)
+        self._moment = moment
+        self._written: deque[tuple[float, list[Session]]] = deque()
+        """Who has reports that have not left, and when they do."""
         self._signal = threading.Condition()
         self._calls: deque[Session] = deque()
         self._held = 0
@@ -92,19 +104,31 @@ class Dispatcher:
     # -- the thread --------------------------------------------------------------------------
 
     def _run(self) -> None:
-        while callers := self._take():
+        while not self._stopping:
+            callers = self._take()
+            self._release()
             self._serve(callers)
 
     def _take(self) -> list[Session]:
-        """Who has called, in that order; nobody at the end."""
+        """Who has called, in that order; nobody if it is time for something else."""
         with self._signal:
             while (self._held or not self._calls) and not self._stopping:
-                self._signal.wait()
-            if self._stopping:
-                return []
+                if not self._written:
+                    self._signal.wait()
+                    continue
+                left = self._written[0][0] - time.perf_counter()
+                if left <= 0.0:
+                    return []
+                self._signal.wait(left)
             callers = [*self._calls]
             self._calls.clear()
             return callers
+
+    def _release(self) -> None:
+        """Let the reports leave whose moment has come."""
+        while self._written and self._written[0][0] <= time.perf_counter():
+            for caller in self._written.popleft()[1]:
+                caller.outbox.rouse()
 
     def _serve(self, callers: Sequence[Session]) -> None:
         prompt: list[Session] = []
@@ -128,7 +152,7 @@ class Dispatcher:
     def _work_off(self, waiting: Sequence[Waiting]) -> None:
         """Cast the rays of some reports, those of one instant together, and finish them.
 
-        All are written before the first is handed over, so that those who send them are woken once.
+        All are written before the first leaves, so that those who send them are woken once.
         """
         instants: dict[int, list[Waiting]] = {}
         for one in waiting:
@@ -154,6 +178,9 @@ class Dispatcher:
                     caller.tell(lines)
                 except Exception as error:
                     caller.fail(error)
+            moment = self._moment(group[0][1].snapshot.time)
+            self._written.append((moment, [caller for caller, _ in written]))
+            self._release()
 
     def _cast(self, reports: Sequence[PendingReport]) -> Sequence[Sequence[RayHits]]:
         if not any(report.fans for report in reports):

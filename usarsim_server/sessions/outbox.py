@@ -91,6 +91,8 @@ class Outbox:
         self._called = False
         self._closed = False
         self._condemned: str | None = None
+        self._unheard = False
+        """It is condemned, and the taker has not been woken for that."""
 
     def put_reply(self, line: bytes) -> None:
         """Queue a whole line that must arrive, CR LF included. Thread-safe, never blocks.
@@ -102,17 +104,8 @@ class Outbox:
         with self._lock:
             if self._closed:
                 return
-            self._replies.append((self._number(), line))
-            self._reply_bytes += len(line)
-            self._replied += 1
-            self._replied_bytes += len(line)
-            if self._replies_overflow():
-                self._shut(f"{len(self._replies)} replies wait and the client does not read")
-                call = True
-            else:
-                call = self._call()
-        if call:
-            self._wake()
+            self._append_reply(line)
+        self.rouse()
 
     def put_stream(self, line: bytes) -> None:
         """Queue a whole periodic line, CR LF included, at the cost of the oldest ones.
@@ -120,13 +113,12 @@ class Outbox:
         Thread-safe, never blocks. Ignored once the outbox is closed.
         """
         self.put_report((line,))
+        self.rouse()
 
     def put_report(self, lines: Iterable[bytes], reply: bytes = b"") -> None:
-        """Queue periodic lines, and a reply after them if there is one: its taker is woken once.
-
-        As `put_stream` and `put_reply` do one after the other.
+        """Queue periodic lines, and a reply after them if there is one, as `put_stream` and
+        `put_reply` do one after the other; but the taker sleeps on, until `rouse` or another line.
         """
-        call = False
         with self._lock:
             if not self._closed:
                 told = [line for line in lines if line]
@@ -135,9 +127,13 @@ class Outbox:
                 self._stream.extend(zip(range(first, self._next + 1), told, strict=True))
                 self._stream_bytes += sum(map(len, told))
                 self._trim_stream()
-                call = self._call()
-        if reply:
-            self.put_reply(reply)
+                if reply:
+                    self._append_reply(reply)
+
+    def rouse(self) -> None:
+        """Wake the taker if there is something that it does not know of. Thread-safe."""
+        with self._lock:
+            call = self._call()
         if call:
             self._wake()
 
@@ -191,7 +187,7 @@ class Outbox:
             if self._closed:
                 return
             self._shut(reason)
-        self._wake()
+        self.rouse()
 
     def close(self) -> None:
         """Forget what waits and ignore what comes. Thread-safe, may be called again."""
@@ -243,12 +239,23 @@ class Outbox:
             return line
         return None
 
+    def _append_reply(self, line: bytes) -> None:
+        self._replies.append((self._number(), line))
+        self._reply_bytes += len(line)
+        self._replied += 1
+        self._replied_bytes += len(line)
+        if self._replies_overflow():
+            self._shut(f"{len(self._replies)} replies wait and the client does not read")
+
     def _number(self) -> int:
         self._next += 1
         return self._next
 
     def _call(self) -> bool:
-        """Whether the taker has to be woken: only for the first line of a burst."""
+        """Whether the taker has to be woken: only for the first line of a burst, and the end."""
+        if self._unheard:
+            self._unheard = False
+            return True
         if self._called or not (self._replies or self._stream):
             return False
         self._called = True
@@ -266,7 +273,7 @@ class Outbox:
             self._dropped += 1
 
     def _shut(self, reason: str) -> None:
-        self._condemned = reason
+        self._condemned, self._unheard = reason, True
         self._forget()
 
     def _forget(self) -> None:

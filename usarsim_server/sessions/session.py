@@ -175,12 +175,13 @@ class Session(Mailbox):
             pending = role.read(report.snapshot, report.streams)
             if pending is None:
                 self.tell(())
+                self.outbox.rouse()
             return pending
         finally:
             self._begun = True
 
     def tell(self, streamed: Sequence[bytes]) -> None:
-        """Hand over what the report under way has found."""
+        """Put what the report under way has found into the outbox, whose taker sleeps on."""
         report = self._told
         if self._role is None or report is None:
             return

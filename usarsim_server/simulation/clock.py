@@ -40,6 +40,8 @@ BATCH_STEPS = 5
 """Most steps of a turn."""
 BATCH_TIME = 0.004
 """s of wall time that more than `AHEAD_STEPS` may take at a pace, for commands wait for them."""
+COST_WEIGHT = 0.1
+"""Of the newest turn in what a step takes."""
 MAX_AHEAD = 0.1
 """Simulated s by which the world may be ahead, at a pace, of the oldest instant that is not
 reported on. One period of the usual stream: less makes the physics wait for reports that are merely
@@ -179,6 +181,11 @@ class Stepper:
         """Whether time has been told to stand still, and does; any thread."""
         return self._engine.time >= self._stand_at - self._engine.timestep / 2
 
+    def moment(self, simulated: float) -> float:
+        """Wall time (`time.perf_counter`) at which the clock stands at a simulated time, as things
+        are; minus infinity without a pace. Any thread."""
+        return -math.inf if self._unpaced else self._pacer.moment(simulated)
+
     def go_until(self, moment: float) -> None:
         """Let time go on to a simulated time and stand still there; infinity: for ever, now or
         before: nowhere. Physics thread."""
@@ -252,6 +259,7 @@ class Stepper:
     def _run_paced(self) -> None:
         self._keep_pace(self.speed)
         engine, mail, most = self._engine, self._mail, AHEAD_STEPS
+        cost = 0.0
         while not self._stopping:
             if not mail.empty:
                 self._catch_up(most)
@@ -262,8 +270,8 @@ class Stepper:
                 continue
             pacer, steps = self._pacer, self._steps_to_due(most, self._stand_at)
             begun = time.perf_counter()
-            late = engine.time + max(0, steps - AHEAD_STEPS) * engine.timestep
-            wait = pacer.wait(late, begun)
+            latest = engine.time + (steps - AHEAD_STEPS) * engine.timestep
+            wait = pacer.wait(latest + (most - steps) * cost * self.speed, begun)
             if wait > 0.0:
                 mail.wait(wait)
                 if time.perf_counter() < begun + wait or not mail.empty:
@@ -274,8 +282,8 @@ class Stepper:
             begun = time.perf_counter()
             self._turn(steps)
             ended = time.perf_counter()
-            quick = (ended - begun) * BATCH_STEPS < steps * BATCH_TIME
-            most = BATCH_STEPS if quick else AHEAD_STEPS
+            cost += COST_WEIGHT * ((ended - begun) / steps - cost)
+            most = BATCH_STEPS if cost * BATCH_STEPS < BATCH_TIME else AHEAD_STEPS
             report = pacer.report(engine.time, ended)
             if report is not None:
                 report.tell()

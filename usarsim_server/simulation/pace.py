@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from usarsim_server.logs import Log
@@ -67,6 +68,13 @@ class Pacer:
         """The simulated time that the clock stands at; never before the first `wait`."""
         since = 0.0 if self._wall is None else wall - self._wall
         return self._simulated + since * self._speed
+
+    def moment(self, simulated: float) -> float:
+        """The wall time at which the clock stands at a simulated time; minus infinity before the
+        first `wait`."""
+        if self._wall is None:
+            return -math.inf
+        return self._wall + (simulated - self._simulated) / self._speed
 
     def report(self, simulated: float, wall: float) -> PaceReport | None:
         """A report when real time is lost, and one when it is found again; None otherwise."""

@@ -111,6 +111,10 @@ class Simulation:
         """Simulated seconds per wall second asked for; infinity in lockstep."""
         return self._stepper.speed
 
+    def moment(self, simulated: float) -> float:
+        """See `Stepper.moment`."""
+        return self._stepper.moment(simulated)
+
     @property
     def paused(self) -> bool:
         """Whether time stands still because somebody has said so, see `pause`."""
