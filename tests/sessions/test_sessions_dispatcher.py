@@ -43,6 +43,7 @@ class Caller:
         self.slow = False
         self.broken = ""
         self.threads: list[str] = []
+        self.outbox = Outbox(lambda: log.append(f"left {name}"))
         self.failure: Exception | None = None
         self.rounds = 1
         self.done = threading.Event()
@@ -73,6 +74,7 @@ class Caller:
         """Note that it is handed over."""
         assert lines == [b"a line\r\n"]
         self.log.append(f"told {self.name}")
+        self.outbox.put_report(lines)
 
     def fail(self, error: Exception) -> None:
         """Keep it."""
@@ -138,8 +140,8 @@ def test_reports_of_one_instant_are_one_batch(world: World, dispatcher: Dispatch
     callers = [Caller(name, now, log) for name in range(4)]
     serve(dispatcher, callers)
     assert world.batches == [[0, 1, 2, 3]]
-    expected = [f"{what} {name}" for what in ("begin", "written", "told") for name in range(4)]
-    assert log == expected
+    ways = ("begin", "written", "told", "left")
+    assert log == [f"{what} {name}" for what in ways for name in range(4)]
     assert {name for caller in callers for name in caller.threads} == {"robots"}
 
 
@@ -151,6 +153,31 @@ def test_instants_are_not_mixed(world: World, dispatcher: Dispatcher) -> None:
         (1.0, [0, 2]),
         (2.0, [1, 3]),
     ]
+
+
+def test_reports_leave_when_the_clock_reaches_their_time(world: World) -> None:
+    """Those of a world that is ahead of the clock wait for it, but nobody else does; a reply takes
+    along what waits before it."""
+    clock, log = [0.5], list[str]()
+
+    def moment(simulated: float) -> float:
+        return -math.inf if simulated <= clock[0] else math.inf
+
+    dispatcher = Dispatcher(world.cast_all, world.on_idle, moment)
+    callers = [Caller(name, snapshot(1.0 + name), log) for name in range(3)]
+    serve(dispatcher, callers)
+    serve(dispatcher, [Caller(3, snapshot(0.5), log)])
+    assert [f"told {name}" in log for name in range(4)] == [True] * 4
+    assert not any("left" in entry for entry in log)  # the clock has not come to the first
+    clock[0] = 1.0
+    assert eventually(lambda: "left 0" in log)
+    assert ("left 1" in log, "left 2" in log) == (False, False)
+    callers[2].outbox.put_reply(b"CONF\r\n")
+    assert log[-1] == "left 2"
+    assert callers[2].outbox.take() == b"a line\r\n"
+    clock[0] = 2.0
+    assert eventually(lambda: "left 1" in log)
+    dispatcher.stop(5.0)
 
 
 def test_very_many_are_served_in_portions(world: World, dispatcher: Dispatcher) -> None:

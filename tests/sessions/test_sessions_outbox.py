@@ -52,13 +52,18 @@ def test_a_report_wakes_its_taker_once_and_may_leave_in_one_piece() -> None:
     wakes: list[int] = []
     outbox = Outbox(lambda: wakes.append(len(outbox)))
     outbox.put_report([b"STA 1\r\n", b"", b"SEN 2\r\n"], b"NFO 3\r\n")
+    assert wakes == []
+    outbox.rouse()
+    outbox.rouse()
     assert wakes == [3]
     assert drain(outbox) == [b"STA 1\r\n", b"SEN 2\r\n", b"NFO 3\r\n"]
     outbox.together = True
     outbox.put_report([b"STA 1\r\n"], b"NFO 3\r\n")
+    outbox.rouse()
     outbox.put_reply(b"CONF 4\r\n")
     assert drain(outbox) == [b"STA 1\r\nNFO 3\r\nCONF 4\r\n"]
     outbox.put_report([], b"NFO 5\r\n")
+    outbox.rouse()
     assert drain(outbox) == [b"NFO 5\r\n"]
     assert wakes == [3, 2, 1]
     for _ in range(3):
@@ -66,7 +71,9 @@ def test_a_report_wakes_its_taker_once_and_may_leave_in_one_piece() -> None:
     assert [len(one) for one in drain(outbox)] == [TOGETHER] * 3
     outbox.close()
     outbox.put_report([b"STA\r\n"], b"NFO\r\n")
+    outbox.rouse()
     assert drain(outbox) == []
+    assert len(wakes) == 4
 
 
 def test_full_stream_budget_drops_the_oldest_streamed_lines_whole() -> None:

@@ -277,6 +277,37 @@ class TestListeners:
         wait_until(lambda: wall[0] > 2.0 and len(turns) > 60)
         assert turns[-40:].count(BATCH_STEPS) > 20
 
+    def test_turns_end_as_long_before_their_time_whatever_they_make(
+        self, start: Start, wall: list[float]
+    ) -> None:
+        """A turn of one step to a report begins later than one of five, so that both end when the
+        clock stands two steps before the time of the report, and the cost of five steps behind
+        that: streams are even."""
+        cost = 0.0005
+        world = start(speed=1.0)
+        engine, stepper = world._engine, world._stepper
+        ends: dict[int, list[float]] = {}
+        advance = engine.advance
+
+        def advances(steps: int) -> list[int]:
+            lost = advance(steps)
+            wall[0] += steps * cost
+            if engine.time > 1.0 and stepper._due <= engine.time + 1e-6:
+                end = wall[0] - stepper.moment(engine.time)
+                ends.setdefault(steps, []).append(end)
+            return lost
+
+        engine.advance = advances  # type: ignore[method-assign]
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        watched(world, robot, 0.02)
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 3.0))
+        watched(world, robot, 0.036)
+        wait_until(lambda: engine.time > 2.0)
+        assert len(ends) >= 4
+        expected = -AHEAD_STEPS * world.timestep + BATCH_STEPS * cost
+        for steps, found in ends.items():
+            np.testing.assert_allclose(found, expected, atol=1e-5, err_msg=f"{steps} steps")
+
     def test_time_stands_still_while_nobody_is_there(self, start: Start) -> None:
         """In lockstep no time passes without listeners, also not between spawn and attach."""
         world = start()

@@ -26,6 +26,9 @@ from usarsim_server.simulation.rays.query import PendingReport, RayHits
 AT_ONCE = 16
 """Reports that are worked out together; so what is ready first does not wait for very many."""
 
+LOOK_AGAIN = 0.1
+"""Most s of wall time between two looks at when reports leave: the pace may have changed."""
+
 CastAll = Callable[[Sequence[PendingReport]], list[list[RayHits]]]
 """Answers the rays of many reports about one instant, see `Simulation.cast_all`."""
 
@@ -57,7 +60,7 @@ class Dispatcher:
         self._on_idle = on_idle or (lambda: None)
         self._moment = moment
         self._written: deque[tuple[float, list[Session]]] = deque()
-        """Who has reports that have not left, and when they do."""
+        """Who has reports that have not left, and of which simulated time."""
         self._signal = threading.Condition()
         self._calls: deque[Session] = deque()
         self._held = 0
@@ -107,26 +110,27 @@ class Dispatcher:
         while not self._stopping:
             callers = self._take()
             self._release()
-            self._serve(callers)
+            if callers:
+                self._serve(callers)
 
     def _take(self) -> list[Session]:
-        """Who has called, in that order; nobody if it is time for something else."""
+        """Who has called, in that order; nobody at the end, and when reports have to leave."""
         with self._signal:
             while (self._held or not self._calls) and not self._stopping:
                 if not self._written:
                     self._signal.wait()
                     continue
-                left = self._written[0][0] - time.perf_counter()
+                left = self._moment(self._written[0][0]) - time.perf_counter()
                 if left <= 0.0:
                     return []
-                self._signal.wait(left)
-            callers = [*self._calls]
+                self._signal.wait(min(left, LOOK_AGAIN))
+            callers = [] if self._stopping else [*self._calls]
             self._calls.clear()
             return callers
 
     def _release(self) -> None:
         """Let the reports leave whose moment has come."""
-        while self._written and self._written[0][0] <= time.perf_counter():
+        while self._written and self._moment(self._written[0][0]) <= time.perf_counter():
             for caller in self._written.popleft()[1]:
                 caller.outbox.rouse()
 
@@ -178,8 +182,7 @@ class Dispatcher:
                     caller.tell(lines)
                 except Exception as error:
                     caller.fail(error)
-            moment = self._moment(group[0][1].snapshot.time)
-            self._written.append((moment, [caller for caller, _ in written]))
+            self._written.append((group[0][1].snapshot.time, [caller for caller, _ in written]))
             self._release()
 
     def _cast(self, reports: Sequence[PendingReport]) -> Sequence[Sequence[RayHits]]:
