@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import threading
 from collections.abc import Callable
+from itertools import product
 from unittest.mock import Mock
 
 import numpy as np
@@ -30,7 +31,7 @@ def scene(height: int = 960, width: int = 1280) -> NDArray[np.uint8]:
 
 def frame(number: int = 1, pixels: NDArray[np.uint8] | None = None) -> Frame:
     """A frame with these pixels."""
-    return Frame(number, 0.0, scene() if pixels is None else pixels)
+    return Frame.of(number, 0.0, scene() if pixels is None else pixels)
 
 
 def raw_pixels(message: memoryview) -> NDArray[np.uint8]:
@@ -47,6 +48,29 @@ def jpeg_pixels(message: memoryview) -> NDArray[np.uint8]:
     """Red, green, blue of a JPEG reply."""
     assert int.from_bytes(message[1:5]) == len(message) - 5
     return np.asarray(Image.open(io.BytesIO(message[5:])).convert("RGB"))
+
+
+# Frames
+
+
+def test_every_region_of_a_frame_is_cut_out_of_its_tiles() -> None:
+    """Regions in one tile are no copies; others are put together; all are read-only."""
+    grid, dice = Grid(3, 2, 4, 3), np.random.default_rng(5)
+    tiles = tuple(dice.integers(0, 256, (3, 4, 3), dtype=np.uint8) for _ in range(grid.tiles))
+    for tile in tiles:
+        tile.flags.writeable = False
+    whole = np.vstack([np.hstack(tiles[:3]), np.hstack(tiles[3:])])
+    cutting = Frame(1, 0.0, grid, tiles)
+    assert np.array_equal(cutting.pixels, whole)
+    for x, y in product(range(12), range(6)):
+        for width, height in product(range(1, 13 - x), range(1, 7 - y)):
+            found = cutting.cut(Region(x, y, width, height))
+            assert np.array_equal(found, whole[y : y + height, x : x + width])
+            assert not found.flags.writeable
+    assert np.shares_memory(cutting.cut(grid.region(4)), tiles[4])
+    for place in ((0, 0, 13, 1), (-1, 0, 1, 1), (0, 5, 1, 2), (0, 0, 0, 1)):
+        with pytest.raises(ValueError, match="not inside 12 x 6"):
+            cutting.cut(Region(*place))
 
 
 # Raw

@@ -69,7 +69,7 @@ class FakeSource:
         """Render a frame of this value and tell everybody who looks."""
         number = self._frame.number + 1 if self._frame else 1
         pixels = np.full((self.grid.height, self.grid.width, 3), value, dtype=np.uint8)
-        self._frame, self.fresh = Frame(number, 0.1 * number, pixels), fresh
+        self._frame, self.fresh = Frame.of(number, 0.1 * number, pixels), fresh
         for watch in tuple(self.watches):
             watch.on_frame(self._frame)
 

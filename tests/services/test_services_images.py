@@ -177,7 +177,7 @@ def test_repeats_are_paced_and_news_are_not(images) -> None:
 
 def test_copies_are_told_from_news() -> None:
     """A new number or a new region is news; what is remembered is bounded."""
-    first, second = (Frame(number, 0.0, np.zeros((1, 1, 3), np.uint8)) for number in (1, 2))
+    first, second = (Frame.of(number, 0.0, np.zeros((1, 1, 3), np.uint8)) for number in (1, 2))
     repeats = Repeats(1.0, 3)
     assert repeats.pause(first, TILE, 0.0) == 0.0
     repeats.note(first, TILE, 5.0)

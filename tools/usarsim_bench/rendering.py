@@ -165,7 +165,7 @@ def _costs(assembly: Assembly, snapshot: Snapshot) -> Costs:
         name: (lambda painter=painter: painter.tile(eye, snapshot))  # type: ignore[misc]
         for name, painter in painters.items()
     }
-    frame = Frame(1, 0.0, plain.tile(eye, snapshot).copy())
+    frame = Frame.of(1, 0.0, plain.tile(eye, snapshot).copy())
     tile = assembly.board.grid.region(0)
     works["jpeg"] = lambda: Encoder(NORMAL).encode(frame, tile)
     works |= _depth_works(assembly, plain, snapshot, eye)

@@ -78,7 +78,7 @@ class Encoder:
         """
         message = self.found(frame, region)
         if message is None:
-            message = self._encode(_cut(frame.pixels, region))
+            message = self._encode(frame.cut(region))
             self._keep(frame.number, region, message)
         return message
 
@@ -127,14 +127,6 @@ def encode_jpeg(pixels: NDArray[np.uint8], quality: int, head: bytes) -> memoryv
     message = bytearray(head)
     message += payload.tobytes()
     return memoryview(message)
-
-
-def _cut(pixels: NDArray[np.uint8], region: Region) -> NDArray[np.uint8]:
-    height, width = pixels.shape[:2]
-    if not region.inside(width, height):
-        raise ValueError(f"{region} is not inside {width} x {height} pixels")
-    below, right = region.y + region.height, region.x + region.width
-    return pixels[region.y : below, region.x : right]
 
 
 def _raw(pixels: NDArray[np.uint8], image_type: ImageType) -> memoryview:

@@ -107,11 +107,50 @@ class CameraView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """A picture of all tiles at one time."""
+    """A picture of all tiles at one time; frames share the tiles that are the same in both.
+
+    Pixels are (height, width, 3) uint8, red green blue, top row first, and read-only.
+    """
 
     number: int  # grows with every frame
     time: float  # simulated time of its newest tile, s
-    pixels: NDArray[np.uint8]  # (height, width, 3) uint8, red green blue, top row first; read-only
+    grid: Grid
+    tiles: tuple[NDArray[np.uint8], ...]  # the pixels of every tile of the grid
+
+    @classmethod
+    def of(cls, number: int, time: float, pixels: NDArray[np.uint8]) -> Frame:
+        """A frame of a single tile."""
+        return cls(number, time, Grid(1, 1, pixels.shape[1], pixels.shape[0]), (pixels,))
+
+    @property
+    def pixels(self) -> NDArray[np.uint8]:
+        """All of it, put together."""
+        return self.cut(self.grid.frame)
+
+    def cut(self, region: Region) -> NDArray[np.uint8]:
+        """The pixels of a region; copied only if it lies in several tiles.
+
+        Raises:
+            ValueError: if it is not inside the frame.
+        """
+        grid = self.grid
+        if not region.inside(grid.width, grid.height):
+            raise ValueError(f"{region} is not inside {grid.width} x {grid.height} pixels")
+        row, top = divmod(region.y, grid.tile_height)
+        column, left = divmod(region.x, grid.tile_width)
+        below, right = top + region.height, left + region.width
+        if below <= grid.tile_height and right <= grid.tile_width:
+            return self.tiles[row * grid.columns + column][top:below, left:right]
+        whole = np.empty((region.height, region.width, 3), np.uint8)
+        for tile, pixels in enumerate(self.tiles):
+            part = grid.region(tile)
+            if part.meets(region):
+                x, y = part.x - region.x, part.y - region.y
+                target = whole[max(y, 0) : y + part.height, max(x, 0) : x + part.width]
+                source = pixels[max(-y, 0) :, max(-x, 0) :]
+                target[:] = source[: target.shape[0], : target.shape[1]]
+        whole.flags.writeable = False
+        return whole
 
 
 class Watch(Protocol):

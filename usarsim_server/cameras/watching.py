@@ -26,18 +26,18 @@ _log = Log("cameras")
 class Atlas:
     """Tiles side by side; belongs to the rendering thread, its frames to everybody.
 
-    A frame is a copy, made when there is something new: readers keep frames as long as they like,
-    and nobody waits for anybody. A copy of 1280 x 960 pixels takes about 0.4 ms.
+    Each picture is copied once, and what is in a tile never changes: readers keep frames as long as
+    they like, and nobody waits for anybody.
     """
 
     def __init__(self, grid: Grid) -> None:
         self._grid = grid
-        self._pixels = np.empty((grid.height, grid.width, 3), np.uint8)
-        self._pixels[:] = EMPTY
+        self._empty = self._tile()
+        self._tiles = [self._empty] * grid.tiles
         self._shows: list[int | None] = [None] * grid.tiles
         self._time = 0.0
         self._changed: set[int] = set()
-        self.frame = self._copy(0)
+        self.frame = Frame(0, self._time, grid, tuple(self._tiles))
 
     @property
     def shows(self) -> tuple[int | None, ...]:
@@ -49,16 +49,14 @@ class Atlas:
 
         The picture is (height, width, 3); what the tile has beyond it is empty.
         """
-        part, (height, width, _) = self._part(tile), picture.shape
-        part[height:], part[:height, width:] = EMPTY, EMPTY
-        part[:height, :width] = picture
+        self._tiles[tile] = self._tile(picture)
         self._shows[tile] = key
         self._time = max(self._time, time)
         self._changed.add(tile)
 
     def wipe(self, tile: int, key: int | None = None) -> None:
         """Empty a tile; a key stands for a camera that sees nothing at present."""
-        self._part(tile)[:] = EMPTY
+        self._tiles[tile] = self._empty
         self._shows[tile] = key
         self._changed.add(tile)
 
@@ -67,17 +65,17 @@ class Atlas:
         if not self._changed:
             return None
         changed, self._changed = frozenset(self._changed), set()
-        self.frame = self._copy(self.frame.number + 1)
+        self.frame = Frame(self.frame.number + 1, self._time, self._grid, tuple(self._tiles))
         return self.frame, changed
 
-    def _part(self, tile: int) -> NDArray[np.uint8]:
-        region: Region = self._grid.region(tile)
-        return self._pixels[region.y : region.y + region.height, region.x : region.x + region.width]
-
-    def _copy(self, number: int) -> Frame:
-        pixels = self._pixels.copy()
-        pixels.flags.writeable = False
-        return Frame(number, self._time, pixels)
+    def _tile(self, picture: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
+        height, width = (0, 0) if picture is None else picture.shape[:2]
+        tile = np.empty((self._grid.tile_height, self._grid.tile_width, 3), np.uint8)
+        tile[height:], tile[:height, width:] = EMPTY, EMPTY
+        if picture is not None:
+            tile[:height, :width] = picture
+        tile.flags.writeable = False
+        return tile
 
 
 @dataclass(slots=True, eq=False)
