@@ -62,7 +62,7 @@ class WorldParts(Parts):
             contacts.append(Compensation(model))
         first = (self.wheels, self.joints, self.laws, self.machines, self.moving, self.belts)
         super().__init__(*first, *contacts, self.hands, self.sleep)
-        self.native = native_steps(self.wheels, options.timestep, options.compensation)
+        self.native = native_steps(self.wheels, self.joints, options.timestep, options.compensation)
         """Makes whole batches of steps while all others rest; None: nobody does."""
         self._others = self.stepping(but=(WheelServos, Compensation))
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.frames import Array, Numbers
 from usarsim_server.simulation.model import WAKE, CompiledWorld
+from usarsim_server.simulation.parts import MOST_AT_REST
 from usarsim_server.simulation.servos import Servos, ServoState
 
 GAIN = 20.0
@@ -58,8 +61,13 @@ class JointServos(Servos):
         self.empty = not joints
         self._joints = np.array(joints, dtype=np.intp)
         self._roots = np.array(roots, dtype=np.intp)
-        self._busy = self._roots[:0]
-        """First velocity index of each robot with a joint under way; indices may repeat."""
+        """First velocity index of the robot of each joint."""
+        self._trees = model.dof_treeid[self._roots].astype(np.intp)
+        self._under_way = np.zeros(len(joints), dtype=bool)
+        self._busy: tuple[Numbers, Numbers] | None = None
+        """First velocity index and tree of the robot of each joint that is under way; None: to be
+        looked up."""
+        self._dozing = False
         self._coordinates = model.jnt_qposadr[self._joints].astype(np.intp)
         self._dofs = model.jnt_dofadr[self._joints].astype(np.intp)
         limited = model.jnt_limited[self._joints].astype(bool)
@@ -151,7 +159,7 @@ class JointServos(Servos):
         force = np.minimum(self._push, self._share * self._max_force)
         self._model.dof_frictionloss[self._dofs] = force
         self._waited = HOLD_STEPS
-        self._here = np.full(len(self._joints), np.inf)
+        self._here[:] = np.inf
         self._holding = self._settled = False
 
     def target(self, slot: int, name: str) -> float | None:
@@ -180,7 +188,7 @@ class JointServos(Servos):
         for mine, former in ((self._shift, older._shift), (self._torque, older._torque)):
             mine[self._dofs[here]] = former[older._dofs[there]]
         self._moving = bool(self._shift.any())
-        self._busy = self._roots[here][np.isin(older._roots[there], older._busy)]
+        self._under_way[here], self._busy = older._under_way[there], None
 
     def _arrays(self) -> ServoState:
         return (
@@ -188,16 +196,44 @@ class JointServos(Servos):
             *(self._push, self._share, self._speed),
         )
 
+    @property
+    def course(self) -> tuple[int, bool, bool, bool]:
+        """Steps since the last look; whether all joints hold their place, all are where they shall
+        be, and any moves."""
+        return self._waited, self._holding, self._settled, self._moving
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What `_update` reads and writes, by name; the arrays stay the same ones."""
+        names = ("low", "high", "max_speed", "slew", "target", "rate", "speed", "here", "shift")
+        others = ("positioned", "under_way", "coordinates", "dofs")
+        return {name: getattr(self, f"_{name}") for name in (*names, *others)}
+
+    def went_on(self, waited: int, holding: bool, settled: bool, moving: bool) -> None:
+        """All set points have been advanced, by somebody else, in `arrays`."""
+        self._waited, self._holding, self._settled = waited, holding, settled
+        self._moving, self._busy = moving, None
+
     # -- stepping ----------------------------------------------------------------------------
 
+    def begin(self, data: mujoco.MjData) -> None:
+        asleep = data.tree_asleep[self._trees]
+        self._dozing = bool(((asleep < 0) & (asleep >= -1 - MOST_AT_REST)).any())
+
+    def rests(self) -> bool:
+        """Whether nobody falls asleep in the next `MOST_AT_REST` steps, whom only `before` wakes if
+        a joint is under way."""
+        return not self._dozing
+
     def before(self, data: mujoco.MjData) -> None:
-        """Advance all set points by one time step, and keep robots awake that have to move."""
+        """Advance all set points by one time step, and wake robots that have to move."""
         if self._told:
             self._take_orders()
         self._update(data.qpos)
-        busy = self._busy
-        if busy.size:
-            data.qvel[busy[data.qvel[busy] == 0.0]] = WAKE
+        if self._busy is None:
+            self._busy = self._roots[self._under_way], self._trees[self._under_way]
+        roots, trees = self._busy
+        if roots.size:
+            data.qvel[roots[data.tree_asleep[trees] >= 0]] = WAKE
 
     def _update(self, qpos: Array) -> None:
         if self._holding and self._waited < HOLD_STEPS:
@@ -208,7 +244,7 @@ class JointServos(Servos):
             self._waited = 1
             return
         gone = np.abs(here - self._here)
-        self._here = here
+        self._here[:] = here
         wish = np.where(self._positioned, GAIN * (self._target - here), self._rate)
         wish = np.minimum(np.maximum(wish, -self._max_speed), self._max_speed)
         # Towards a stop as towards a target. Beyond a stop: back, but no faster than allowed.
@@ -216,13 +252,14 @@ class JointServos(Servos):
         wish = np.minimum(wish, np.maximum(GAIN * (self._high - here), -self._max_speed))
         limit = self._slew * self._waited if self._holding else self._slew
         speed = self._speed + np.minimum(np.maximum(wish - self._speed, -limit), limit)
-        self._speed = speed
+        self._speed[:] = speed
         size = np.abs(speed)
         fastest = np.maximum(size, np.abs(wish))
         self._holding = bool((fastest < SETTLED_SPEED).all())
         # A joint that pushes as hard as it can and does not budge may sleep; not one turning back.
         stalled = (speed == wish) & (gone < STALLED)
-        self._busy = self._roots[(fastest >= ARRIVED_SPEED) & ~stalled]
+        np.logical_and(fastest >= ARRIVED_SPEED, ~stalled, out=self._under_way)
+        self._busy = None
         self._settled = self._holding and bool((speed == wish).all())
         self._waited = 1
         self._shift[self._dofs] = np.where(size < DEAD_SPEED, 0.0, speed)

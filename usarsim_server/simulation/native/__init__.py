@@ -12,13 +12,24 @@ leaves alone: those of other threads, of other states, of other users of MuJoCo.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import mujoco
 
 from usarsim_server.logs import Log
 from usarsim_server.simulation.divergence import SPEED_LIMIT
+from usarsim_server.simulation.joint_servos import (
+    ARRIVED_SPEED,
+    DEAD_SPEED,
+    GAIN,
+    HOLD_STEPS,
+    SETTLED_SPEED,
+    STALLED,
+    JointServos,
+)
 from usarsim_server.simulation.native.compiling import load
 from usarsim_server.simulation.servos import HOLD_GAIN, HOLD_SPEED, WheelServos
 
@@ -27,12 +38,37 @@ SOURCE = Path(__file__).with_name("steps.c")
 _NUMBERS = ("target", "increment", "decrement", "delay", "setpoint", "idle", "hold", "shift")
 _ARRAYS = {**dict.fromkeys(_NUMBERS, "f8"), "engaged": "?", "angles": "i8", "dofs": "i8"}
 """The arrays of wheel servos that are worked on, and of which type they have to be."""
-_POINTERS = ("model", "data")
+_POINTERS = ("model", "data", "joints")
 _VALUES = ("timestep", "seen", "gain", "most", "limit")
 _FLAGS = ("wheels", "steady", "moving", "compensate", "calls")
 _STEADY, _MOVING, _SOUND = 1, 2, 4
 
+_JOINT_VALUES = {
+    "gain": GAIN,
+    "settled_speed": SETTLED_SPEED,
+    "arrived_speed": ARRIVED_SPEED,
+    "stalled": STALLED,
+    "dead_speed": DEAD_SPEED,
+}
+_JOINT_NUMBERS = (
+    *("low", "high", "max_speed", "slew", "target", "rate", "speed", "here", "shift"),
+)
+_JOINT_ARRAYS = {
+    **dict.fromkeys(_JOINT_NUMBERS, "f8"),
+    **dict.fromkeys(("positioned", "under_way"), "?"),
+    **dict.fromkeys(("coordinates", "dofs"), "i8"),
+}
+_JOINT_FLAGS = ("count", "hold_steps", "waited", "holding", "settled", "moving")
+
 _log = Log("simulation")
+
+
+class _Joints(ctypes.Structure):
+    _fields_ = (
+        *((name, ctypes.c_double) for name in _JOINT_VALUES),
+        *((name, ctypes.c_void_p) for name in _JOINT_ARRAYS),
+        *((name, ctypes.c_int32) for name in _JOINT_FLAGS),
+    )
 
 
 class _Work(ctypes.Structure):
@@ -45,10 +81,15 @@ class _Work(ctypes.Structure):
 
 
 class NativeSteps:
-    """Steps of one model generation, for batches in which nothing but wheels and contacts works."""
+    """Steps of one model generation, for batches in which nothing but servos and contacts works."""
 
     def __init__(
-        self, code: ctypes.CDLL, wheels: WheelServos, timestep: float, compensation: bool
+        self,
+        code: ctypes.CDLL,
+        wheels: WheelServos,
+        joints: JointServos,
+        timestep: float,
+        compensation: bool,
     ) -> None:
         """Look up where the servos keep their numbers.
 
@@ -57,13 +98,15 @@ class NativeSteps:
         """
         self._enter, self._leave, self._wheels = code.enter, code.leave, wheels
         self._work = work = _Work()
-        self._arrays = wheels.arrays()  # which live as long as their addresses are used
-        for name, kind in _ARRAYS.items():
-            array = self._arrays[name]
-            if array.dtype != kind or not array.flags.c_contiguous:
-                raise TypeError(f"{name}: {array.dtype} where {kind} is worked on")
-            setattr(work, name, array.ctypes.data)
-        work.wheels = len(self._arrays["target"])
+        self._arrays = wheels.arrays(), joints.arrays()
+        """They live as long as their addresses are used."""
+        _point(work, _ARRAYS, self._arrays[0])
+        self._joints = None if joints.empty else joints
+        self._joint_work = limbs = _Joints(**_JOINT_VALUES)
+        _point(limbs, _JOINT_ARRAYS, self._arrays[1])
+        limbs.count, limbs.hold_steps = len(self._arrays[1]["target"]), HOLD_STEPS
+        work.joints = None if joints.empty else ctypes.addressof(limbs)
+        work.wheels = len(self._arrays[0]["target"])
         work.timestep = timestep
         work.gain, work.most, work.limit = HOLD_GAIN, HOLD_SPEED, SPEED_LIMIT
         work.compensate = compensation
@@ -79,9 +122,12 @@ class NativeSteps:
         Raises:
             RuntimeError: if MuJoCo did not call back once in each of the steps.
         """
-        wheels = self._wheels
+        wheels, joints, limbs = self._wheels, self._joints, self._joint_work
         if not self._enter(self._address, data._address, *wheels.course):
             return None
+        if joints is not None:
+            joints.before(data)
+            limbs.waited, limbs.holding, limbs.settled, limbs.moving = joints.course
         try:
             mujoco.mj_step(model, data, steps)
         finally:
@@ -89,15 +135,33 @@ class NativeSteps:
         if found < 0:
             raise RuntimeError(f"MuJoCo called back {self._work.calls} times in {steps} steps")
         wheels.went_on(found & _STEADY != 0, found & _MOVING != 0)
+        if joints is not None:
+            flags = bool(limbs.holding), bool(limbs.settled), bool(limbs.moving)
+            joints.went_on(limbs.waited, *flags)
         return found & _SOUND != 0
 
 
-def native_steps(wheels: WheelServos, timestep: float, compensation: bool) -> NativeSteps | None:
+def _point(work: ctypes.Structure, kinds: Mapping[str, str], arrays: Mapping[str, Any]) -> None:
+    """Have a record point to arrays.
+
+    Raises:
+        TypeError: if one of them is not as the code takes it.
+    """
+    for name, kind in kinds.items():
+        array = arrays[name]
+        if array.dtype != kind or not array.flags.c_contiguous:
+            raise TypeError(f"{name}: {array.dtype} where {kind} is worked on")
+        setattr(work, name, array.ctypes.data)
+
+
+def native_steps(
+    wheels: WheelServos, joints: JointServos, timestep: float, compensation: bool
+) -> NativeSteps | None:
     """What steps a model with these servos; None where numpy has to."""
-    if type(wheels) is not WheelServos:
+    if type(wheels) is not WheelServos or type(joints) is not JointServos:
         return None
     code, _ = library()
-    return None if code is None else NativeSteps(code, wheels, timestep, compensation)
+    return None if code is None else NativeSteps(code, wheels, joints, timestep, compensation)
 
 
 @cache

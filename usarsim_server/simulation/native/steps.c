@@ -1,15 +1,27 @@
-/* Wheel servos and contact compensation between the halves of MuJoCo's steps, as a callback of it, so
+/* Servos and contact compensation between the halves of MuJoCo's steps, as a callback of it, so
    that several steps are one call. The same operations on the same numbers in the same order as in
-   servos.py and ground.py, which tell why; results are equal bit by bit (no contraction). */
+   servos.py, joint_servos.py and ground.py, which tell why; results are equal bit by bit (no contraction). */
 
 #include <math.h>
 #include <stdint.h>
 #include <mujoco/mujoco.h>
 
-/* What is worked on; __init__.py has the same fields. */
+/* Joints that are no wheels; __init__.py has the same fields here and below. */
+typedef struct {
+  double gain, settled_speed, arrived_speed, stalled, dead_speed;
+  const double *low, *high, *max_speed, *slew, *target, *rate;
+  double *speed, *here, *shift;
+  const uint8_t* positioned;
+  uint8_t* under_way;
+  const int64_t *coordinates, *dofs;
+  int32_t count, hold_steps, waited, holding, settled, moving;
+} Joints;
+
+/* What is worked on. */
 typedef struct {
   const mjModel* model;
   mjData* data;
+  Joints* joints; /* NULL: there are none */
   double timestep, seen, gain, most, limit;
   const double *target, *increment, *decrement, *delay;
   double *setpoint, *idle, *hold, *shift;
@@ -84,6 +96,43 @@ static void update(Work* w, const double* qpos) {
   w->steady = !(standing || changing);
 }
 
+/* JointServos._update */
+static void advance(Joints* j, const double* qpos) {
+  if (j->holding && j->waited < j->hold_steps) {
+    j->waited++;
+    return;
+  }
+  int same = j->settled;
+  for (int i = 0; same && i < j->count; i++) same = qpos[j->coordinates[i]] == j->here[i];
+  int holding = 1, settled = 1, moving = 0;
+  for (int i = 0; !same && i < j->count; i++) {
+    double here = qpos[j->coordinates[i]], most = j->max_speed[i];
+    double gone = fabs(here - j->here[i]);
+    j->here[i] = here;
+    double wish = clipped(j->positioned[i] ? j->gain * (j->target[i] - here) : j->rate[i], most);
+    double up = j->gain * (j->low[i] - here), down = j->gain * (j->high[i] - here);
+    if (most < up) up = most;
+    if (wish < up) wish = up;
+    if (down < -most) down = -most;
+    if (down < wish) wish = down;
+    double limit = j->holding ? j->slew[i] * j->waited : j->slew[i];
+    double speed = j->speed[i] + clipped(wish - j->speed[i], limit);
+    double size = fabs(speed), fastest = fabs(wish) > size ? fabs(wish) : size;
+    int there = speed == wish, turns = !(size < j->dead_speed);
+    j->speed[i] = speed;
+    j->under_way[i] = fastest >= j->arrived_speed && !(there && gone < j->stalled);
+    j->shift[j->dofs[i]] = turns ? speed : 0.0;
+    holding &= fastest < j->settled_speed;
+    settled &= there;
+    moving |= turns;
+  }
+  j->waited = 1;
+  if (same) return;
+  j->holding = holding;
+  j->settled = holding && settled;
+  j->moving = moving;
+}
+
 /* Servos.between */
 static void shift(mjData* d, const double* by) {
   for (int row = d->ne; row < d->ne + d->nf; row++)
@@ -122,5 +171,10 @@ void control(const mjModel* m, mjData* d) {
   w->calls++;
   if (!w->steady) update(w, d->qpos);
   if (w->moving) shift(d, w->shift);
+  if (w->joints) {
+    /* Before the first of the steps numpy has advanced them. */
+    if (w->calls > 1) advance(w->joints, d->qpos);
+    if (w->joints->moving) shift(d, w->joints->shift);
+  }
   if (w->compensate) compensate(m, d);
 }
