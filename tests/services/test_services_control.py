@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import selectors
 import socket
 import time
 
@@ -121,6 +122,24 @@ def test_long_lines_are_processed_and_endless_ones_discarded(control, caplog):
     assert client.line() == b"CONF {Name next}\r\n"
     assert words(session) == ["GETCONF", "GETCONF"]
     assert caplog.messages.count("line discarded: too long") == 1
+
+
+def test_the_loop_is_told_once_to_read_many_chunks(control, monkeypatch):
+    """A client that sends one command after the other costs no system call but the reading."""
+    told = []
+    register = selectors.DefaultSelector.register
+
+    def noted(self, client, *arguments):
+        told.append(client)
+        return register(self, client, *arguments)
+
+    monkeypatch.setattr(selectors.DefaultSelector, "register", noted)
+    client, session = control().pair()
+    for number in range(50):
+        client.send(b"DRIVE {Left %d}\r\n" % number)
+        assert eventually(lambda number=number: len(session.commands) > number)
+    assert len(told) < 15
+    assert [one.get("Left") for one in session.commands] == [str(n) for n in range(50)]
 
 
 def test_agent_is_called_on_the_event_loop(control):

@@ -5,10 +5,12 @@ from __future__ import annotations
 import shutil
 import threading
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
+from limb_fakes import arm_engine, order, push, spin
 from sim_fakes import engine_with, pose_at, straight, turn
 
 from usarsim_server.simulation import native
@@ -55,6 +57,58 @@ def test_same_as_numpy(batch: int) -> None:
             engine.parts.native = None
         runs.append(played(engine, batch))
     np.testing.assert_array_equal(*runs)
+
+
+def limbs(engine: Engine, batch: int) -> np.ndarray:
+    """State and servos of three arms: ways, stops, pushes, what yields, sleep and waking."""
+    seen: list[np.ndarray] = []
+
+    def go(seconds: float) -> None:
+        for _ in range(round(seconds / engine.timestep / batch)):
+            assert engine.advance(batch) == []
+            data, joints = engine.data, engine.parts.joints
+            servos = [array.astype(float) for array in joints.state(data)]
+            servos += [joints.torques(), np.array(joints.course, float)]
+            asleep = data.tree_asleep.astype(float)
+            seen.append(np.concatenate([data.qpos, data.qvel, asleep, *servos]))
+
+    order(engine, 0, pan=2.0, lift=3.0, slide=0.2)
+    spin(engine, 1, pan=-0.7, slide=9.0)
+    push(engine, 2, lift=-2.0)
+    go(1.2)
+    order(engine, 0, pan=1.0)
+    push(engine, 2, lift=0.0)
+    go(0.6)
+    engine.parts.joints.release(2, engine.data)
+    order(engine, 1, pan=0.0, lift=0.0, slide=0.0)
+    go(4.0)
+    assert (engine.data.tree_asleep >= 0).any()
+    order(engine, 0, lift=-0.4)
+    go(1.0)
+    return np.nan_to_num(np.array(seen), posinf=1e9)
+
+
+@needs_compiler
+@pytest.mark.parametrize("batch", [1, 3, 5])
+def test_joints_are_the_same_as_by_numpy(batch: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every number of arms is equal, and nearly all batches are compiled; those are not in which
+    one is about to fall asleep."""
+    runs: list[np.ndarray] = []
+    compiled: list[Any] = []
+    step = native.NativeSteps.step
+
+    def noted(self: native.NativeSteps, *arguments: Any) -> bool | None:
+        compiled.append(arguments)
+        return step(self, *arguments)
+
+    monkeypatch.setattr(native.NativeSteps, "step", noted)
+    for native_too in (True, False):
+        engine = arm_engine(count=3)
+        if not native_too:
+            engine.parts.native = None
+        runs.append(limbs(engine, batch))
+    np.testing.assert_array_equal(*runs)
+    assert 0.9 < len(compiled) / len(runs[0]) < 1.0
 
 
 @needs_compiler
