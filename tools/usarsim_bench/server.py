@@ -167,7 +167,8 @@ SERVE = ("usarsim_server.cli", "serve")
 
 _SIDE_CHANNELS = ("image", "groundtruth", "wireless", "truth")
 _STOP_TIMEOUT = 10.0
-_ANSWER_TIMEOUT = 10.0
+_ANSWER_TIMEOUT = 60.0
+"""s of wall time: to open a renderer takes long on a machine that does much else."""
 _SHOWN_ERRORS = 2000
 
 
