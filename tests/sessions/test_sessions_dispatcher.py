@@ -180,6 +180,17 @@ def test_reports_leave_when_the_clock_reaches_their_time(world: World) -> None:
     dispatcher.stop(5.0)
 
 
+def test_reports_of_who_has_a_thread_of_his_own_leave_at_once(world: World) -> None:
+    """They do not wait for a thread that may sleep, nor for the clock."""
+    log = list[str]()
+    dispatcher = Dispatcher(world.cast_all, world.on_idle, lambda _: math.inf)
+    slow = Caller(0, snapshot(1.0), log)
+    slow.slow = True
+    serve(dispatcher, [slow])
+    assert log == ["begin 0", "written 0", "told 0", "left 0"]
+    dispatcher.stop(5.0)
+
+
 def test_very_many_are_served_in_portions(world: World, dispatcher: Dispatcher) -> None:
     """What is ready first need not wait for a crowd."""
     now, log = snapshot(), []
@@ -224,7 +235,7 @@ def test_what_takes_long_gets_a_thread_of_its_own(dispatcher: Dispatcher) -> Non
     gate.set()
     assert slow.done.wait(TIMEOUT)
     assert slow.threads == ["robot-alone"]
-    assert "told 0" in log
+    assert log[-2:] == ["told 0", "left 0"]
     deadline = time.monotonic() + TIMEOUT
     while any(one.name == "robot-alone" for one in threading.enumerate()):
         assert time.monotonic() < deadline

@@ -129,7 +129,7 @@ class Dispatcher:
             return callers
 
     def _release(self) -> None:
-        """Let the reports leave whose moment has come."""
+        """Let the reports leave whose moment has come. The thread that serves everybody."""
         while self._written and self._moment(self._written[0][0]) <= time.perf_counter():
             for caller in self._written.popleft()[1]:
                 caller.outbox.rouse()
@@ -182,8 +182,13 @@ class Dispatcher:
                     caller.tell(lines)
                 except Exception as error:
                     caller.fail(error)
-            self._written.append((group[0][1].snapshot.time, [caller for caller, _ in written]))
-            self._release()
+            told = [caller for caller, _ in written]
+            if threading.current_thread() is self._thread:
+                self._written.append((group[0][1].snapshot.time, told))
+                self._release()
+            else:  # who has a thread of his own is late anyway
+                for caller in told:
+                    caller.outbox.rouse()
 
     def _cast(self, reports: Sequence[PendingReport]) -> Sequence[Sequence[RayHits]]:
         if not any(report.fans for report in reports):
