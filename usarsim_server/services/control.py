@@ -40,6 +40,7 @@ from usarsim_server.services.limits import (
 )
 from usarsim_server.services.listener import hung_up
 from usarsim_server.services.port import Guest, PortLimits, PortService
+from usarsim_server.services.reading import ChunkReader
 from usarsim_server.services.replies import LoopCalls
 from usarsim_server.sessions.outbox import Outbox, OutboxLimits
 
@@ -197,9 +198,7 @@ class _Connection:
         self._loop = asyncio.get_running_loop()
         self._call_in_loop = calls
         self._ended: asyncio.Future[str] = self._loop.create_future()
-        self._wanted, self._listens = 0, False
-        self._next: asyncio.Future[bytes] = self._loop.create_future()
-        self._next.set_result(b"")
+        self._reader = ChunkReader(client)
         self._lines_wait = asyncio.Event()
         self._backlog_shrank = asyncio.Event()
         self._paused = False
@@ -225,7 +224,7 @@ class _Connection:
                 for task in running:
                     task.cancel()
         finally:
-            self._listen(False)
+            self._reader.close()
         return reason
 
     def dismiss(self) -> None:
@@ -269,7 +268,7 @@ class _Connection:
                     self._log.info("end of a line discarded: too many segments")
                 session.submit(commands)
             work = time.thread_time() - begun
-            # There may be more at once: let other clients have a turn.
+            # `receive` does not yield while there is data: let other clients have a turn.
             await asyncio.sleep(0)
             self._submitted += sum([command.weight for command in commands])
             if not await self._catch_up(session):
@@ -335,37 +334,10 @@ class _Connection:
             # A chunk can hold a line in every two bytes.
             size = _FLOOD_CHUNK if self._waited else _SMALL_CHUNK
         try:
-            return self._client.recv(size)
-        except (BlockingIOError, InterruptedError):
-            self._wanted, self._next = size, self._loop.create_future()
-            self._listen(True)
+            return await self._reader.receive(size)
         except OSError as error:
             self._end(f"connection lost: {error.strerror}")
             return b""
-        return await self._next
-
-    def _listen(self, wanted: bool) -> None:
-        """Have the loop tell when there is something to read, or not any more. It is told once for
-        many chunks, since telling it costs as much as reading."""
-        if wanted != self._listens:
-            self._listens = wanted
-            if wanted:
-                self._loop.add_reader(self._client, self._read_on)
-            else:
-                self._loop.remove_reader(self._client)
-
-    def _read_on(self) -> None:
-        """There is something to read, or the client has hung up."""
-        if self._next.done():  # the last chunk is not dealt with: TCP pushes back
-            self._listen(False)
-            return
-        try:
-            self._next.set_result(self._client.recv(self._wanted))
-        except (BlockingIOError, InterruptedError):
-            pass
-        except OSError as error:
-            self._end(f"connection lost: {error.strerror}")
-            self._next.set_result(b"")
 
     async def _catch_up(self, session: Session) -> bool:
         """Read nothing while too much waits at the session; False if the client hangs up meanwhile.

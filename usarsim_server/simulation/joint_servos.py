@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.frames import Array, Numbers
@@ -64,9 +62,6 @@ class JointServos(Servos):
         """First velocity index of the robot of each joint."""
         self._trees = model.dof_treeid[self._roots].astype(np.intp)
         self._under_way = np.zeros(len(joints), dtype=bool)
-        self._busy: tuple[Numbers, Numbers] | None = None
-        """First velocity index and tree of the robot of each joint that is under way; None: to be
-        looked up."""
         self._dozing = False
         self._coordinates = model.jnt_qposadr[self._joints].astype(np.intp)
         self._dofs = model.jnt_dofadr[self._joints].astype(np.intp)
@@ -188,7 +183,7 @@ class JointServos(Servos):
         for mine, former in ((self._shift, older._shift), (self._torque, older._torque)):
             mine[self._dofs[here]] = former[older._dofs[there]]
         self._moving = bool(self._shift.any())
-        self._under_way[here], self._busy = older._under_way[there], None
+        self._under_way[here] = older._under_way[there]
 
     def _arrays(self) -> ServoState:
         return (
@@ -202,16 +197,9 @@ class JointServos(Servos):
         be, and any moves."""
         return self._waited, self._holding, self._settled, self._moving
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """What `_update` reads and writes, by name; the arrays stay the same ones."""
-        names = ("low", "high", "max_speed", "slew", "target", "rate", "speed", "here", "shift")
-        others = ("positioned", "under_way", "coordinates", "dofs")
-        return {name: getattr(self, f"_{name}") for name in (*names, *others)}
-
     def went_on(self, waited: int, holding: bool, settled: bool, moving: bool) -> None:
         """All set points have been advanced, by somebody else, in `arrays`."""
-        self._waited, self._holding, self._settled = waited, holding, settled
-        self._moving, self._busy = moving, None
+        self._waited, self._holding, self._settled, self._moving = waited, holding, settled, moving
 
     # -- stepping ----------------------------------------------------------------------------
 
@@ -229,11 +217,9 @@ class JointServos(Servos):
         if self._told:
             self._take_orders()
         self._update(data.qpos)
-        if self._busy is None:
-            self._busy = self._roots[self._under_way], self._trees[self._under_way]
-        roots, trees = self._busy
-        if roots.size:
-            data.qvel[roots[data.tree_asleep[trees] >= 0]] = WAKE
+        waking = self._under_way & (data.tree_asleep[self._trees] >= 0)
+        if waking.any():
+            data.qvel[self._roots[waking]] = WAKE
 
     def _update(self, qpos: Array) -> None:
         if self._holding and self._waited < HOLD_STEPS:
@@ -259,7 +245,6 @@ class JointServos(Servos):
         # A joint that pushes as hard as it can and does not budge may sleep; not one turning back.
         stalled = (speed == wish) & (gone < STALLED)
         np.logical_and(fastest >= ARRIVED_SPEED, ~stalled, out=self._under_way)
-        self._busy = None
         self._settled = self._holding and bool((speed == wish).all())
         self._waited = 1
         self._shift[self._dofs] = np.where(size < DEAD_SPEED, 0.0, speed)

@@ -12,7 +12,7 @@ gain 20 and 4 ms), the more the longer the time step is. Those of all other join
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -41,6 +41,10 @@ class Servos(Part):
         self._moving = False
         """Whether any of them is not zero."""
         self._tendons = model.ntendon > 0
+
+    def arrays(self, names: Iterable[str]) -> dict[str, NDArray[Any]]:
+        """Some of the arrays that set points are advanced with, which stay the same ones."""
+        return {name: getattr(self, f"_{name}") for name in names}
 
     def _arrays(self) -> ServoState:
         """Everything that changes and has to be kept."""
@@ -179,11 +183,6 @@ class WheelServos(Servos):
     def course(self) -> tuple[bool, bool]:
         """Whether all wheels are steady, so that `update` has nothing to do; whether any turns."""
         return self._steady, self._moving
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """What `update` reads and writes, by name; the arrays stay the same ones."""
-        names = ("target", "increment", "decrement", "delay", "setpoint", "idle", "hold", "shift")
-        return {name: getattr(self, f"_{name}") for name in (*names, "engaged", "angles", "dofs")}
 
     def went_on(self, steady: bool, moving: bool) -> None:
         """All set points have been advanced, by somebody else, in `arrays`."""

@@ -98,7 +98,7 @@ class NativeSteps:
         """
         self._enter, self._leave, self._wheels = code.enter, code.leave, wheels
         self._work = work = _Work()
-        self._arrays = wheels.arrays(), joints.arrays()
+        self._arrays = wheels.arrays(_ARRAYS), joints.arrays(_JOINT_ARRAYS)
         """They live as long as their addresses are used."""
         _point(work, _ARRAYS, self._arrays[0])
         self._joints = None if joints.empty else joints
@@ -136,8 +136,8 @@ class NativeSteps:
             raise RuntimeError(f"MuJoCo called back {self._work.calls} times in {steps} steps")
         wheels.went_on(found & _STEADY != 0, found & _MOVING != 0)
         if joints is not None:
-            flags = bool(limbs.holding), bool(limbs.settled), bool(limbs.moving)
-            joints.went_on(limbs.waited, *flags)
+            flags = limbs.holding, limbs.settled, limbs.moving
+            joints.went_on(limbs.waited, *map(bool, flags))
         return found & _SOUND != 0
 
 
@@ -158,7 +158,7 @@ def native_steps(
     wheels: WheelServos, joints: JointServos, timestep: float, compensation: bool
 ) -> NativeSteps | None:
     """What steps a model with these servos; None where numpy has to."""
-    if type(wheels) is not WheelServos or type(joints) is not JointServos:
+    if type(wheels) is not WheelServos:
         return None
     code, _ = library()
     return None if code is None else NativeSteps(code, wheels, joints, timestep, compensation)
