@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 MAX_WARNINGS = 500
 """Different warnings that are kept; a broken file could give millions."""
 
+MAX_NAMES = 20
+"""Different names that are kept for each kind of thing that was left out."""
+
 
 @dataclass(frozen=True, slots=True)
 class Remark:
@@ -24,6 +27,7 @@ class Findings:
 
     classes: Counter[str] = field(default_factory=Counter)  # objects read, by class
     skipped: Counter[str] = field(default_factory=Counter)  # objects left out, by class
+    skipped_names: dict[str, list[str]] = field(default_factory=dict)  # some of their names
     facts: dict[str, object] = field(default_factory=dict)  # by name
     _missing: Counter[tuple[str, str]] = field(default_factory=Counter)
     _warnings: Counter[tuple[str, str]] = field(default_factory=Counter)
@@ -32,9 +36,18 @@ class Findings:
         """An actor, node or element of this class was read."""
         self.classes[kind] += times
 
-    def skip(self, kind: str, times: int = 1) -> None:
-        """One of this class was left out because nothing is known about the class (item 16)."""
+    def skip(self, kind: str, name: str = "", times: int = 1) -> None:
+        """Count something that is in the file and not in the world (worlds reference 13, item 16).
+
+        Args:
+            kind: its class, element or type, as the file calls it.
+            name: as in the file; empty if it has none.
+            times: how many there are.
+        """
         self.skipped[kind] += times
+        names = self.skipped_names.setdefault(kind, [])
+        if name and name not in names and len(names) < MAX_NAMES:
+            names.append(name)
 
     def missing(self, kind: str, name: str) -> None:
         """A `mesh`, `texture`, `model` or `file` that the map names was not found (item 70)."""

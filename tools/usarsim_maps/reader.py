@@ -11,7 +11,7 @@ import importlib
 import os
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
@@ -21,6 +21,7 @@ from usarsim_maps import gazebo, grids, meshes, unreal, usd
 from usarsim_maps.files import AssetIndex, read_head
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Scene
+from usarsim_maps.support import SupportTable
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, Folders
 from usarsim_server.plugins import PluginTypes
@@ -102,12 +103,15 @@ class Reader(ABC):
         extensions: of the files it reads, lower case with the dot.
         head: what is in the first bytes of its files and in no others.
         meshes: its files may be meshes that other maps name.
+        support: what happens to the elements of the format, by the name of the list that they
+            stand in (`glTF extensions`); docs/import.md repeats it.
     """
 
     title: ClassVar[str]
     extensions: ClassVar[tuple[str, ...]]
     head: ClassVar[re.Pattern[bytes] | None] = None
     meshes: ClassVar[bool] = True
+    support: ClassVar[Mapping[str, SupportTable]] = {}
 
     @classmethod
     def recognises(cls, head: bytes) -> bool:

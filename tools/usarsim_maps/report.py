@@ -33,6 +33,8 @@ class Report:
     upper: tuple[float, float, float] | None
     classes: Mapping[str, int]  # actors or nodes by class
     skipped: Mapping[str, int]
+    """How many things of each class are in the map and not in the world."""
+    skipped_names: Mapping[str, list[str]]  # some of their names, by class
     starts: tuple[tuple[str, float | None, float], ...]
     """Name, m above the floor (None: no floor), m of overlap."""
     totals: Mapping[str, Any]  # pieces, meshes, memory (MiB), objects, victims and so on
@@ -69,7 +71,7 @@ class Report:
         if self.classes:
             yield "read       " + _counts(self.classes)
         if self.skipped:
-            yield "left out   " + _counts(self.skipped)
+            yield "left out   " + _counts(self.skipped, self.skipped_names)
         if self.transparent:
             yield "lasers pass " + ", ".join(self.transparent[:MOST_LINES])
         yield f"licence    {self.licence}"
@@ -123,6 +125,7 @@ def make_report(scene: Scene, built: Built, findings: Findings, seconds: float) 
         upper=None if upper is None else _triple(upper),
         classes=dict(sorted(findings.classes.items())),
         skipped=dict(sorted(findings.skipped.items())),
+        skipped_names={kind: names for kind, names in findings.skipped_names.items() if names},
         starts=tuple(
             (place.name, place.height if math.isfinite(place.height) else None, place.overlap)
             for place in built.checks
@@ -162,8 +165,14 @@ def _place(values: tuple[float, float, float]) -> str:
     return "(" + ", ".join(f"{value:.2f}" for value in values) + ")"
 
 
-def _counts(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{number} {name}" for name, number in counts.items())
+def _counts(counts: Mapping[str, int], names: Mapping[str, list[str]] | None = None) -> str:
+    """Counts by class in one line, with the names of some things of a class where there are any."""
+    told = []
+    for kind, number in counts.items():
+        some = (names or {}).get(kind, [])
+        more = ", ..." if len(some) < number else ""
+        told.append(f"{number} {kind}" + (f" ({', '.join(some)}{more})" if some else ""))
+    return ", ".join(told)
 
 
 def _table(head: str, other: str, rows: list[tuple[str, str]]) -> Iterator[str]:
