@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from usarsim_maps.files import read_bytes
 from usarsim_maps.meshes.mesh_files import Pictures, axes_of, broken
 from usarsim_maps.meshes.polygons import MAX_TRIANGLES, check_count, make_mesh, triangulate
+from usarsim_maps.meshes.vertex_colors import shaded
 from usarsim_maps.numbers import read_number, read_whole
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Array, Integers, Material, Part, Scene, SceneObject
@@ -26,9 +27,8 @@ from usarsim_server.errors import MapImportError, at
 MAX_BYTES = 1 << 30
 MAX_HEADER = 64 << 10
 MAX_PROPERTIES = 200
-SHADES = 4
-"""Steps per colour channel that coloured vertices are rounded to; each colour is a material."""
-
+SHADES = 16
+"""Most steps per colour channel: colours of scans differ a little everywhere."""
 
 ORDERS = {"ascii": "ascii", "binary_little_endian": "<", "binary_big_endian": ">"}
 
@@ -359,11 +359,5 @@ def _shades(vertex: _Table, triangles: Integers) -> tuple[dict[str, Material], I
     colors = np.column_stack([vertex.columns[name] for name in ("red", "green", "blue")])
     if np.nanmax(colors, initial=0.0) > 1.0:
         colors = colors / 255.0
-    colors = np.nan_to_num(np.clip(colors, 0.0, 1.0))[triangles].mean(axis=1)
-    steps = np.round(colors * (SHADES - 1)).astype(np.int64)
-    unique, slots = np.unique(steps, axis=0, return_inverse=True)
-    materials = {}
-    for r, g, b in (unique / (SHADES - 1)).tolist():
-        name = f"color_{r:.1f}_{g:.1f}_{b:.1f}"
-        materials[name] = Material(name, (r, g, b, 1.0))
-    return materials, slots.reshape(-1)
+    materials, slots = shaded(np.clip(colors, 0.0, 1.0)[triangles].mean(axis=1), finest=SHADES)
+    return {material.name: material for material in materials}, slots
