@@ -37,7 +37,7 @@ from usarsim_maps import convert
 from usarsim_maps.build.csg import MAX_POLYGONS
 from usarsim_maps.convert import Request, import_map
 from usarsim_maps.findings import Findings
-from usarsim_maps.reader import Context, read_scene
+from usarsim_maps.reader import Context, ImportOptions, read_scene
 from usarsim_maps.scene import Mesh, Scene
 from usarsim_server.cli import main
 from usarsim_server.errors import MapImportError
@@ -133,12 +133,14 @@ def test_small_things(tmp_path: Path) -> None:
     assert "--scale 0.001 " in told
 
 
-def test_a_small_model_of_gazebo_is_no_map(tmp_path: Path) -> None:
-    """A cup alone is a model; a world with nothing but a cup has a wrong scale."""
+def test_a_small_world_of_gazebo(tmp_path: Path) -> None:
+    """Its unit is the metre, so a world may hold nothing but a cup, unless a user has a scale."""
     cup = model("cup", shape("<box><size>0.1 0.1 0.1</size></box>"))
-    assert import_map(Request(write(tmp_path, sdf(cup), "cup.sdf"))).report.extents
+    for text, name in ((sdf(cup), "cup.sdf"), (world(cup), "cup.world")):
+        assert import_map(Request(write(tmp_path, text, name))).report.extents
+    options = ImportOptions(scale=10.0)
     with pytest.raises(MapImportError, match="absurd"):
-        import_map(Request(write(tmp_path, world(cup))))
+        import_map(Request(tmp_path / "cup.world", options=options))
 
 
 def test_a_small_package(tmp_path: Path) -> None:
@@ -225,7 +227,10 @@ def test_planes_have_no_extents(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("place", ["5000 0 0 0 0 0", "1e8 1e8 0 0 0 0", "0 0 -99999 0 0 0"])
 def test_misplaced_objects(tmp_path: Path, place: str) -> None:
-    """One object of many that lies kilometres away is left out; if half do the scale is wrong."""
+    """One object of many that lies kilometres away is left out; half of them are believed.
+
+    Unless a map would be larger than single precision can tell.
+    """
 
     def text(near: int, far: int) -> str:
         cube = shape("<box><size>1 1 1</size></box>")
@@ -237,8 +242,14 @@ def test_misplaced_objects(tmp_path: Path, place: str) -> None:
     report = import_map(Request(write(tmp_path, text(9, 1)))).report
     assert report.extents == pytest.approx((9.0, 1.0, 1.0))
     assert ("m9", "an object far outside the map was left out", 1) in report.warnings
-    with pytest.raises(MapImportError, match="absurd"):
-        import_map(Request(write(tmp_path, text(5, 5))))
+    source = write(tmp_path, text(5, 5))
+    if place.startswith("5000"):
+        report = import_map(Request(source)).report
+        assert report.extents == pytest.approx((5001.0, 1.0, 1.0))
+        assert any("are much" in told for _, told, _ in report.warnings)
+    else:
+        with pytest.raises(MapImportError, match="absurd"):
+            import_map(Request(source))
 
 
 def attempt(folder: Path, content: bytes) -> str:

@@ -293,6 +293,9 @@ class Source:
     up: str = "Z"  # axis of the file that points up
     mirrored: bool = False  # a reflection was applied, as Unreal's left-handed frame needs
     assumed: bool = False  # scale or axis were assumed, not stated by file or user
+    stated: bool = False
+    """The format or the file says what its unit is, and the user did not replace it: a map of any
+    size is believed."""
     whole_map: bool = False
     """Files of this kind hold whole maps; others may be single things, and small."""
     files: tuple[Path, ...] = ()

@@ -65,6 +65,15 @@ class Solid:
     """Polygons that are seen and not felt, with the index of their brush."""
 
 
+def is_filled(brushes: Sequence[Brush], filled: bool | None) -> bool:
+    """Whether space is solid before the first of some brushes; None: if that one subtracts."""
+    solids = (brush for brush in brushes if brush.solidity is not Solidity.NONSOLID)
+    first = next(solids, None)
+    if first is None or filled is not None:
+        return first is not None and bool(filled)
+    return first.operation is BrushOperation.SUBTRACT
+
+
 def evaluate(
     brushes: Sequence[Brush],
     filled: bool | None = None,
@@ -75,16 +84,14 @@ def evaluate(
 ) -> Solid:
     """Carry out a level's brushes in order; `progress` is told the part that is done.
 
-    If `filled`, space is solid at first; None: if the first solid brush subtracts. If `disjoint`,
-    cells never overlap, which costs time; contacts do not need it, volumes do.
+    Space is solid at first as `is_filled` says. If `disjoint`, cells never overlap, which costs
+    time; contacts do not need it, volumes do.
     """
     findings = findings or Findings()
     solid = Solid()
     world = _World(disjoint)
-    solids = [brush for brush in brushes if brush.solidity is not Solidity.NONSOLID]
-    if filled is None:
-        filled = bool(solids) and solids[0].operation is BrushOperation.SUBTRACT
-    if filled and solids:
+    if is_filled(brushes, filled):
+        solids = [brush for brush in brushes if brush.solidity is not Solidity.NONSOLID]
         points = np.concatenate([p.vertices for b in solids for p in b.polygons])
         lower, upper = points.min(axis=0) - SHELL, points.max(axis=0) + SHELL
         world.add([box_cell(_point(lower), _point(upper))], -1)

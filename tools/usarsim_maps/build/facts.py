@@ -12,7 +12,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from usarsim_maps.build.objects import bounds_of_object
+from usarsim_maps.build.extent import bounds_of_object
 from usarsim_maps.build.sheet import Entry, NameBook, rotation, safe
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Array, LightKind, Scene

@@ -18,12 +18,6 @@ from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Brush, Heightfield
 from usarsim_server.simulation.frames import IDENTITY
 
-GIANT = 400.0
-"""m: a brush or object larger than this is a backdrop; it does not count for the bounds."""
-
-MARGIN = 50.0
-"""m around the rest of the map at which backdrops are cut off."""
-
 GRIP = 1.0
 """Friction of what one stands on, as in the shipped worlds."""
 
@@ -46,7 +40,7 @@ def add_brushes(
 ) -> Solid:
     """Carry out the brushes in order, see `evaluate`, and put the result into the scene.
 
-    If a brush is a giant, everything is cut to the box of the limits.
+    If there are limits, corners of a box, everything is cut to it.
     """
     solid = evaluate(brushes, filled, findings=findings, progress=progress)
     if limits is not None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from usarsim_maps.build.contact import collide
 from usarsim_maps.build.emitter import FELT, SEEN, Emitter, attributes, place
-from usarsim_maps.build.level import GIANT, GRIP, SMOOTH
+from usarsim_maps.build.level import GRIP, SMOOTH
 from usarsim_maps.build.looks import Look, looks_of_mesh
 from usarsim_maps.build.pieces import (
     BoxPiece,
@@ -37,9 +37,6 @@ DENSITY = 200.0
 LIGHTEST, HEAVIEST = 0.01, 1e5
 """kg: limits of what is believed."""
 
-SKY = ("skydome", "sky_dome", "skybox", "sky_box", "skysphere", "sky_sphere")
-"""Parts of names of what is only painted around a map."""
-
 
 @dataclass(slots=True)
 class _Baked:
@@ -66,9 +63,6 @@ class ObjectBuilder:
 
     def add(self, thing: SceneObject) -> None:
         """One object; `MapImportError` if a mesh refers to vertices that are not there."""
-        if _is_sky(thing):
-            self._findings.warn(thing.name, "a painted sky was left out")
-            return
         if not thing.parts:
             return
         name = self._names.take(thing.name)
@@ -269,12 +263,6 @@ def _labels(name: str, names: NameBook) -> Iterator[str]:
         yield names.take(f"{name}.part")
 
 
-def _is_sky(thing: SceneObject) -> bool:
-    words = [thing.name.lower()]
-    words += [part.shape.name.lower() for part in thing.parts if isinstance(part.shape, Mesh)]
-    return any(sky in word for sky in SKY for word in words)
-
-
 def _friction(piece: Piece, pose: Pose) -> float:
     """A wall is smooth: a piece that is thin along a level direction and higher than wide."""
     if isinstance(piece, BoxPiece):
@@ -282,22 +270,6 @@ def _friction(piece: Piece, pose: Pose) -> float:
         thin = int(np.argmin(piece.half))
         return SMOOTH if abs(turn[2, thin]) < 0.3 and piece.half[thin] < 0.1 else GRIP
     return GRIP
-
-
-def bounds_of_object(thing: SceneObject) -> tuple[Array, Array] | None:
-    """Lower and upper corner in the world; None for what has no size, the sky and giants."""
-    if _is_sky(thing):
-        return None
-    parts = [points for part in thing.parts for points in [points_of(part)] if len(points)]
-    if not parts:
-        return None
-    points = np.concatenate(parts) @ thing.pose.matrix().T + np.array(thing.pose.position)
-    return points.min(axis=0), points.max(axis=0)
-
-
-def is_giant(low: Array, high: Array) -> bool:
-    """Whether something is a backdrop rather than a part of the playground."""
-    return bool((high - low).max() > GIANT)
 
 
 def materials_of_objects(objects: Sequence[SceneObject]) -> Iterator[str]:

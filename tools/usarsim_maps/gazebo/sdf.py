@@ -194,6 +194,7 @@ class _World:
                 "Gazebo SDF",
                 units_per_metre=self._scale,
                 up=self._context.options.up or "Z",
+                stated=self._context.options.scale is None,
                 whole_map=world is not None,
                 files=tuple(dict.fromkeys([self._source, self._document.path, *self._files.files])),
             ),

@@ -58,6 +58,7 @@ class Axes:
     up: str
     mirrored: bool
     assumed: bool
+    stated: bool  # the unit is, see `Source`
 
     def source(self, path: Path, title: str, files: Iterable[Path] = ()) -> Source:
         """What the scene says about its origin."""
@@ -68,6 +69,7 @@ class Axes:
             up=self.up,
             mirrored=self.mirrored,
             assumed=self.assumed,
+            stated=self.stated,
             files=tuple(dict.fromkeys([path, *files])),
         )
 
@@ -97,7 +99,10 @@ def axes_of(options: ImportOptions, up: str, unit: float = 1.0, *, stated: bool 
     linear = axis_matrix(up) / scale
     if options.mirror:
         linear = MIRROR @ linear
-    return Axes(linear, scale, up, options.mirror, not stated and options.scale is None)
+    own = options.scale is None
+    return Axes(
+        linear, scale, up, options.mirror, assumed=own and not stated, stated=own and stated
+    )
 
 
 def broken(source: Path, problem: str, where: int | str | None = None) -> MapImportError:
