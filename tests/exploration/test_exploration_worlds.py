@@ -1,5 +1,6 @@
 """Maps of files, the environments that come with the benchmark, and where runs begin in them."""
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +9,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from usarsim_exploration.environment import Environment
-from usarsim_exploration.worlds import STARTS, find, names
+from usarsim_exploration.scenario import merge, read
+from usarsim_exploration.worlds import STARTS, draw_places, find, names
 from usarsim_exploration.worlds.pictures import Rules, load_map, save_map
+from usarsim_maps.grids.occupancy import load_grid
+from usarsim_maps.reader import Context
+from usarsim_server.cli import main
 from usarsim_server.errors import WorldError
 
 COMPAT = Rules(compat=True)
@@ -133,3 +138,72 @@ def test_what_cannot_be_found(tmp_path: Path) -> None:
     (tmp_path / "cut.png").write_bytes(whole[:60])
     with pytest.raises(WorldError, match=r"cut\.png"):
         find(str(tmp_path / "cut.png"))
+
+
+CASES = Path(__file__).parents[1] / "maps" / "cases"
+
+
+def test_pictures_with_grey_walls() -> None:
+    """What `usarsim import` takes for a wall is one, and what was taken is told."""
+    world = find(str(CASES / "17_grey_walls" / "grey_walls.png"))
+    assert np.count_nonzero(world.environment.walls) == 216
+    assert world.notes == ("grey_walls.png: walls are the 216 cells darker than 0.63 of white",)
+
+
+def test_one_picture_is_read_alike(tmp_path: Path) -> None:
+    """Walls and free cells of `usarsim import` and of exploration are the same."""
+    pixels = np.random.default_rng(3).choice(np.array([90, 120, 200, 205, 254], np.uint8), (30, 40))
+    path = painted(tmp_path / "map.png", pixels)
+    grid = load_grid(path, Context())
+    assert np.array_equal(load_map(path, Rules()).walls == 0, grid.free[::-1])
+
+
+def test_the_yaml_file_beside_a_picture(tmp_path: Path) -> None:
+    """Its scale counts, as in an import."""
+    path = painted(tmp_path / "map.png", np.full((30, 40), 254, np.uint8))
+    (tmp_path / "map.yaml").write_text("image: map.png\nresolution: 0.05\n")
+    assert load_map(path, Rules()).cell == 0.05
+
+
+def test_base_and_starts_are_inside(tmp_path: Path) -> None:
+    """Of a hall with an outside that counts as free, also if a door of 1 m is open."""
+    case = CASES / "08_hall"
+    world = find(str(case / "hall_25.yaml"))
+    with Image.open(case / "hall.pgm") as image:
+        pixels = np.array(image)
+    pixels[95:105, 139] = 254
+    painted(tmp_path / "open.pgm", pixels)
+    text = (case / "hall_25.yaml").read_text().replace("hall.pgm", "open.pgm")
+    (tmp_path / "open.yaml").write_text(text)
+    opened = find(str(tmp_path / "open.yaml"))
+    white = find(
+        str(painted(tmp_path / "white.png", np.where(pixels == 0, 0, 255).astype(np.uint8)))
+    )
+    for one in (world, opened, white):
+        assert np.count_nonzero(one.environment.walls == 0) >= 39684
+        assert len(one.starts) == STARTS
+        for column, row in (one.base, *one.starts):
+            assert 61 <= column <= 138
+            assert 61 <= row <= 138
+    for seed in range(10):
+        drawn = draw_places(opened.environment, "", "drawn", seed)
+        assert all(61 <= part <= 138 for part in drawn.base)
+
+
+def test_a_base_that_is_stated_outside_has_its_robots_beside_it() -> None:
+    """Whoever says where the base stands may say outside."""
+    options = ["environment.name=" + repr(str(CASES / "08_hall" / "hall_25.yaml"))]
+    scenario = read(merge({}, [*options, "team.robots=2", "team.base=[20, 20]"]))
+    for one in scenario.team:
+        assert max(one.cell) < 40
+
+
+def test_a_run_begins_inside(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`usarsim explore run` puts base and robots inside, and says what was read as free."""
+    world, out = CASES / "08_hall" / "hall_25.yaml", tmp_path / "out"
+    words = ["explore", "run", "--world", str(world), "--robots", "2", "--steps", "1"]
+    assert main([*words, "--out", str(out)]) == 0
+    assert "33600 cells of the grey of unknown ones" in capsys.readouterr().err
+    scenario = tomllib.loads((out / "scenario.toml").read_text())
+    for cell in (scenario["team"]["base"], *(robot["start"] for robot in scenario["robot"])):
+        assert all(61 <= part <= 138 for part in cell)

@@ -287,7 +287,7 @@ class TestStarts:
         """Sealed rooms get no starts; every place has room around it."""
         free = np.ones((100, 100), dtype=bool)
         free[:, 30] = False
-        found = free_places(free, 0.1, (0.5, 5.0), 0.5, 10)
+        found = free_places(free, free, 0.1, (0.5, 5.0), 0.5, 10)
         assert len(found) > 4
         for x, y in found:
             assert x > 3.1 + 0.5

@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_maps.grids.inside import inside
+
 Cell = tuple[int, int]
 """Column and row from the top left."""
 
@@ -21,11 +23,13 @@ class Environment:
         name: of its file or generator.
         walls: (rows, columns) 1 where a wall is, else 0.
         cell: width of a cell, m.
+        doubtful: (rows, columns) free cells that may lie outside of the building; None: none.
     """
 
     name: str
     walls: NDArray[np.uint8]
     cell: float = 0.1
+    doubtful: NDArray[np.bool_] | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -36,6 +40,12 @@ class Environment:
     def free(self) -> int:
         """How many cells are no wall."""
         return int(self.walls.size - np.count_nonzero(self.walls))
+
+    @cached_property
+    def inside(self) -> NDArray[np.bool_]:
+        """Free cells where a base and robots may be put: inside, if there is an inside."""
+        free = self.walls == 0
+        return inside(free if self.doubtful is None else free & ~self.doubtful)
 
     def is_free(self, cell: Cell) -> bool:
         """Whether a cell is inside and no wall."""

@@ -117,7 +117,8 @@ def read_team(table: Table, world: World, formation: Formation, seed: int) -> tu
     radio = team.radio if team.base_radio is None else team.base_radio
     found = [Member("Base", "base", base, reach=0, radio_range=radio, parent=None)]
     if base != world.base:
-        world = settle(world.environment, world.title, base)
+        stated_outside = not world.environment.inside[base[1], base[0]]
+        world = settle(world.environment, world.title, base, anywhere=stated_outside)
     places = [cell for cell in world.starts if cell != base]
     for number, robot in enumerate(robots, 1):
         row = rows[number - 1] if rows else inner

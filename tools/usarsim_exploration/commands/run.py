@@ -101,6 +101,8 @@ def run(arguments: argparse.Namespace) -> int:
     taken = Watch()
     options = options_of(arguments)
     scenario = load(arguments.scenario, options) if arguments.scenario else read(merge({}, options))
+    for note in scenario.world.notes:
+        print(note, file=sys.stderr)
     if arguments.show and arguments.out is None and not can_serve():
         raise UsarsimError(
             "--show: there is no page here (install the extra console), so give --out"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,6 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise SettingsError("--out: no world is named (cure: usarsim explore worlds WORLD --out)")
     chosen = [arguments.world] if arguments.world else worlds.names()
     found = [worlds.find(one, Rules(compat=arguments.compat)) for one in chosen]
+    for note in (note for one in found for note in one.notes):
+        print(note, file=sys.stderr)
     if arguments.out:
         write(found[0], arguments.out)
     tell(found, as_json=arguments.json)

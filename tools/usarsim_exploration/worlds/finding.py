@@ -6,8 +6,8 @@ from functools import lru_cache
 from pathlib import Path
 
 from usarsim_exploration.worlds.catalogue import SHIPPED
-from usarsim_exploration.worlds.pictures import PICTURES, Rules, load_map
-from usarsim_exploration.worlds.world import World, settle
+from usarsim_exploration.worlds.pictures import MAP_SERVERS, PICTURES, Rules, load_world
+from usarsim_exploration.worlds.world import World
 from usarsim_server.errors import WorldError, at
 from usarsim_server.files import is_regular
 from usarsim_server.tables import suggest
@@ -35,7 +35,6 @@ def find(name_or_path: str, rules: Rules = _DEFAULT) -> World:
     if name_or_path in SHIPPED:
         return _shipped(name_or_path)
     # only now: they bring MuJoCo, 20 MiB that shipped environments do without
-    from usarsim_exploration.worlds.ros import ros_map
     from usarsim_exploration.worlds.slicing import slice_world
     from usarsim_server.worlds.loader import SHEET
 
@@ -44,13 +43,10 @@ def find(name_or_path: str, rules: Rules = _DEFAULT) -> World:
         return slice_world(path, rules)
     if not is_regular(path):
         return slice_world(_shipped_folder(path), rules)
-    suffix = path.suffix.lower()
-    if suffix in (".yaml", ".yml"):
-        return ros_map(path, rules)
-    if suffix not in (*PICTURES, ".txt"):
+    if path.suffix.lower() not in (*PICTURES, *MAP_SERVERS, ".txt"):
         cure = f"give a file that ends in {', '.join(PICTURES)}, .yaml or .txt"
         raise WorldError(at(path, "neither picture nor text", cure))
-    return settle(load_map(path, rules), path.stem)
+    return load_world(path, rules)
 
 
 def _shipped_folder(path: Path) -> Path:

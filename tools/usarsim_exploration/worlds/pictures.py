@@ -1,22 +1,28 @@
-"""Environments in pictures and as text, in MRESim's forms (exploration reference 3.1 and 3.2).
+"""Environments of map files: pictures, text, YAML files of map servers.
 
-MRESim's rules (`compat`) differ from what a picture shows: a cell is a wall exactly where the first
-sample of the pixel is 0, and what is smaller than its world of 800 x 600 stands in the middle of
-free space.
+A file is read as `usarsim import` reads it. Only MRESim's rules (`compat`; exploration reference
+3.1 and 3.2) differ from what a picture shows: a cell is a wall exactly where the first sample of
+the pixel is 0, and what is smaller than its world of 800 x 600 stands in the middle of free space.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Environment
+from usarsim_exploration.worlds.world import World, settle
 from usarsim_maps.files import open_picture
 from usarsim_server.errors import WorldError, at
-from usarsim_server.files import replacing, write_text
+from usarsim_server.files import Folders, replacing, write_text
+
+if TYPE_CHECKING:
+    from usarsim_maps.grids.occupancy import GridMap
 
 CANVAS = (800, 600)
 """Columns and rows of MRESim's world."""
@@ -25,6 +31,8 @@ CELL = 0.1
 """m that a cell is wide of maps that do not say it."""
 COMPAT_CELL = 1 / 13
 """m that one of MRESim's is wide (exploration reference 1)."""
+MAP_SERVERS = (".yaml", ".yml")
+"""Endings of the files that map servers write beside a picture."""
 PICTURES = (".png", ".pgm", ".bmp", ".gif", ".jpg", ".jpeg")
 
 
@@ -46,21 +54,56 @@ class Rules:
     cell: float | None = None
 
 
-def load_map(path: Path, rules: Rules) -> Environment:
-    """Read a picture, or the text form, which ends in `txt`.
+def load_world(path: Path, rules: Rules) -> World:
+    """The world of a map file; the base stands near the map's origin, if that is stated and inside.
 
     Raises:
         WorldError: naming the file, what is wrong, and the cure.
     """
+    if rules.compat and path.suffix.lower() not in MAP_SERVERS:
+        return settle(_as_mresim(path, rules), path.stem)
+    # only now: it brings MuJoCo, 20 MiB that shipped environments do without
+    from usarsim_maps.grids.occupancy import load_grid
+    from usarsim_maps.reader import Context
+
+    context = Context(folders=Folders([path.parent]))
+    grid = load_grid(path, context)
+    environment = _environment(path, grid, rules)
+    wanted = None
+    if grid.wanted is not None:
+        (x, y), (rows, columns) = grid.wanted, grid.free.shape
+        column, row = math.floor(x / grid.size), rows - 1 - math.floor(y / grid.size)
+        if 0 <= column < columns and 0 <= row < rows:
+            all_rows, all_columns = environment.shape
+            wanted = column + (all_columns - columns) // 2, row + (all_rows - rows) // 2
+    world = settle(environment, path.stem, wanted)
+    notes = tuple(f"{one.subject}: {one.text}" for one in context.findings.warnings())
+    return replace(world, notes=notes)
+
+
+def load_map(path: Path, rules: Rules) -> Environment:
+    """The environment of a map file, see `load_world`."""
+    return load_world(path, rules).environment
+
+
+def _environment(path: Path, grid: GridMap, rules: Rules) -> Environment:
+    """What is not known to be free is wall."""
+    walls, doubtful = (fit(cells[::-1], path, rules) for cells in (~grid.free, grid.doubtful))
+    cell = rules.cell or (CELL if grid.assumed else grid.size)
+    return Environment(path.stem, walls, cell, doubtful != 0)
+
+
+def _as_mresim(path: Path, rules: Rules) -> Environment:
+    """A picture or text by MRESim's rules."""
     if path.suffix.lower() == ".txt":
-        # only now: it brings MuJoCo, 20 MiB that shipped environments do without
         from usarsim_maps.grids.occupancy import read_digits
 
         walls = read_digits(path)
     else:
-        walls = _picture(path, rules.compat)
-    cell = rules.cell or (COMPAT_CELL if rules.compat else CELL)
-    return Environment(path.stem, fit(walls, path, rules), cell)
+        with open_picture(path, str(path)) as image:
+            samples = np.array(image)
+        walls = np.asarray((samples if samples.ndim == 2 else samples[:, :, 0]) == 0)
+    return Environment(path.stem, fit(walls, path, rules), rules.cell or COMPAT_CELL)
 
 
 def fit(walls: NDArray[np.bool_], path: Path, rules: Rules) -> NDArray[np.uint8]:
@@ -78,19 +121,6 @@ def fit(walls: NDArray[np.bool_], path: Path, rules: Rules) -> NDArray[np.uint8]
     found = np.full((canvas[1], canvas[0]), 0 if rules.compat else 1, np.uint8)
     found[top : top + rows, left : left + columns] = walls
     return found
-
-
-def _picture(path: Path, compat: bool) -> NDArray[np.bool_]:
-    """Walls; in our own rules these are the pixels darker than half."""
-    with open_picture(path, str(path)) as image:
-        if not compat and not image.mode.startswith(("I", "F")):
-            image = image.convert("L")
-        samples = np.array(image)
-    first = samples if samples.ndim == 2 else samples[:, :, 0]
-    if compat:
-        return np.asarray(first == 0)
-    half = 0.5 if samples.dtype == bool else 128 if samples.max(initial=0) < 256 else 32768
-    return np.asarray(first < half)
 
 
 def save_map(environment: Environment, path: Path) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from usarsim_exploration.environment import Cell, Environment
 from usarsim_exploration.kernels import flood
 from usarsim_exploration.kernels.steps import EVERYWHERE
+from usarsim_maps.grids.inside import largest_part
 from usarsim_server.errors import WorldError, at
 
 Draw = Literal["drawn", "drawn at a wall", "drawn in the open"]
@@ -31,12 +32,14 @@ class World:
     Attributes:
         environment: true. title: for people.
         base: cell of the base. starts: of robots, the nearest to the base first.
+        notes: what a user should know about how the map was read.
     """
 
     environment: Environment
     title: str
     base: Cell
     starts: tuple[Cell, ...]
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def digest(self) -> str:
@@ -46,18 +49,25 @@ class World:
         return found.hexdigest()
 
 
-def settle(environment: Environment, title: str, wanted: Cell | None = None) -> World:
+def settle(
+    environment: Environment, title: str, wanted: Cell | None = None, *, anywhere: bool = False
+) -> World:
     """Find a place for the base and for the robots.
 
-    The base stands in the largest connected part of the free space, on the cell with enough room
-    that is nearest to the wanted one; default where there is most room. Starts follow in order of
-    the way from there.
+    The base stands inside, in the connected part of the free space with most of the inside, on the
+    cell with enough room that is nearest to the wanted one; default where there is most room.
+    Starts follow in order of the way from there, inside too. A map without an inside is all inside.
+
+    Args:
+        environment: to explore. title: of the world.
+        wanted: cell near which the base stands.
+        anywhere: all free cells count as inside.
 
     Raises:
         WorldError: there is no free cell.
     """
-    part = _largest_part(environment)
-    clear = clearance(environment.walls)
+    part = _main_part(environment, environment.walls == 0 if anywhere else environment.inside)
+    clear = np.where(part, clearance(environment.walls), 0)
     room = min(_ROOMS[0][1], int(clear[part].max()))
     if wanted is None:
         base = _cell(np.where(part, -clear, 1))
@@ -69,7 +79,7 @@ def settle(environment: Environment, title: str, wanted: Cell | None = None) -> 
 
 
 def draw_places(environment: Environment, title: str, where: Draw, seed: int) -> World:
-    """The same for the same seed, whoever explores; places are in the largest connected part.
+    """The same for the same seed, whoever explores; places are inside, as those of `settle`.
 
     Args:
         environment: to explore. title: of the world.
@@ -79,8 +89,8 @@ def draw_places(environment: Environment, title: str, where: Draw, seed: int) ->
     Raises:
         WorldError: there is no free cell.
     """
-    part = _largest_part(environment)
-    clear = clearance(environment.walls)
+    part = _main_part(environment, environment.inside)
+    clear = np.where(part, clearance(environment.walls), 0)
     if where == "drawn at a wall":
         allowed = part & (clear == 1)
     elif where == "drawn in the open":
@@ -96,15 +106,13 @@ def draw_places(environment: Environment, title: str, where: Draw, seed: int) ->
     return World(environment, title, base, _starts(environment, clear, base))
 
 
-def _largest_part(environment: Environment) -> NDArray[np.bool_]:
-    """Where the largest connected part of the free space is."""
-    free = (environment.walls == 0).astype(np.uint8)
-    count, labels, facts, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
-    if count < 2:
+def _main_part(environment: Environment, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The inside of the connected part of the free space that has most of the inside."""
+    part = largest_part(environment.walls == 0, inside)
+    if not part.any():
         cure = "walls are black and 1, free cells white and 0"
         raise WorldError(at(environment.name, "there is no free cell", cure))
-    found: NDArray[np.bool_] = labels == 1 + int(np.argmax(facts[1:, cv2.CC_STAT_AREA]))
-    return found
+    return part & inside
 
 
 def clearance(walls: NDArray[np.uint8]) -> NDArray[np.int64]:

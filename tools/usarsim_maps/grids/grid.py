@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
 from usarsim_maps.geometry import CORNERS, QUADS
+from usarsim_maps.grids.inside import largest_part
 from usarsim_maps.scene import Mask, Mesh
 
 COARSE = 300
@@ -86,21 +86,34 @@ def wall_mesh(walls: list[Rectangle], size: float, height: float, material: str)
 
 
 def free_places(
-    free: Mask, size: float, wanted: tuple[float, float] | None, room: float, count: int
+    free: Mask,
+    allowed: Mask,
+    size: float,
+    wanted: tuple[float, float] | None,
+    room: float,
+    count: int,
 ) -> list[tuple[float, float]]:
-    """Places in the largest connected region of free cells of a size, m, so many at most.
+    """Allowed places in one connected region of free cells, so many at most.
 
-    They are far apart, have `room` m around them, and the first is near the wanted one: x, y in m
-    from the grid's lower left corner, or the middle of the region.
+    The region has more of the allowed places than any other. The places are far apart, have `room`
+    m around them, and the first is near the wanted one.
+
+    Args:
+        free: cells of a map, row 0 at the lowest y.
+        allowed: cells, of the free ones, where places may be.
+        size: of a cell, m.
+        wanted: x and y in m from the grid's lower left corner; None: the middle of the region.
+        room: m that are free around each place.
+        count: most places.
+
+    Returns:
+        x and y of each place, m from the grid's lower left corner.
     """
     block = max(1, -(-max(free.shape) // COARSE))
-    rows, columns = free.shape[0] // block, free.shape[1] // block
-    if not rows or not columns:
-        return []
-    coarse = free[: rows * block, : columns * block]
-    coarse = np.asarray(coarse.reshape(rows, block, columns, block).all(axis=(1, 3)))
     step = size * block
-    region = _largest(_eroded(coarse, int(np.ceil(room / step))))
+    allowed = _joined(allowed, block)
+    roomy = _eroded(_joined(free, block), int(np.ceil(room / step)))
+    region = largest_part(roomy, allowed) & allowed
     places = (np.argwhere(region)[:, ::-1] + 0.5) * step
     if not len(places):
         return []
@@ -117,6 +130,13 @@ def free_places(
     return [(float(x), float(y)) for x, y in places[chosen]]
 
 
+def _joined(cells: Mask, block: int) -> Mask:
+    """Squares of so many cells along each side; one is set if all of its cells are."""
+    rows, columns = cells.shape[0] // block, cells.shape[1] // block
+    whole = cells[: rows * block, : columns * block]
+    return np.asarray(whole.reshape(rows, block, columns, block).all(axis=(1, 3)))
+
+
 def _eroded(cells: Mask, margin: int) -> Mask:
     """Mask whose whole square of so many cells around is set; beyond the edge nothing is."""
     rows, columns = cells.shape
@@ -128,30 +148,4 @@ def _eroded(cells: Mask, margin: int) -> Mask:
         return answer
     sums = total[side:, side:] - total[:-side, side:] - total[side:, :-side] + total[:-side, :-side]
     answer[margin : rows - margin, margin : columns - margin] = sums == side * side
-    return answer
-
-
-def _largest(cells: Mask) -> Mask:
-    """The largest region of cells that touch at their sides."""
-    left = cells.copy()
-    best: list[tuple[int, int]] = []
-    rows, columns = cells.shape
-    for row, column in np.argwhere(cells).tolist():
-        if not left[row, column]:
-            continue
-        left[row, column] = False
-        region, todo = [(row, column)], deque([(row, column)])
-        while todo:
-            r, c = todo.popleft()
-            for y, x in ((r + 1, c), (r - 1, c), (r, c + 1), (r, c - 1)):
-                if 0 <= y < rows and 0 <= x < columns and left[y, x]:
-                    left[y, x] = False
-                    region.append((y, x))
-                    todo.append((y, x))
-        if len(region) > len(best):
-            best = region
-    answer = np.zeros_like(cells)
-    if best:
-        y, x = np.array(best).T
-        answer[y, x] = True
     return answer

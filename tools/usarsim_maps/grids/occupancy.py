@@ -1,9 +1,9 @@
 """Reads occupancy grids: map server YAML with a picture, a picture alone, MRESim's text form.
 
-Occupied cells become walls on level ground. Mask of a picture are as large as the YAML file or
+Occupied cells become walls on level ground. Cells of a picture are as large as the YAML file or
 the user says (`--scale` cells per metre); what is only assumed is reported. On the wire x counts to
 the right and y down in a picture without YAML, from its upper left corner, as MRESim counts cells
-(exploration reference 3.1 to 3.3).
+(exploration reference 3.1 to 3.3). `shades` says what pixels mean, `inside` where robots may start.
 """
 
 from __future__ import annotations
@@ -15,11 +15,21 @@ from typing import TypeAlias
 
 import numpy as np
 
-from usarsim_maps.files import open_picture, read_text
+from usarsim_maps.files import read_text
 from usarsim_maps.grids.grid import free_places, pooled, rectangles, wall_mesh
+from usarsim_maps.grids.inside import inside
+from usarsim_maps.grids.shades import (
+    MAX_CELLS,
+    MODES,
+    Cells,
+    Mode,
+    map_server_cells,
+    picture_cells,
+    read_shades,
+)
 from usarsim_maps.meshes.mesh_files import Pictures
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Array, Mask, Material, Part, Plane, Scene, SceneObject, Source
+from usarsim_maps.scene import Mask, Material, Part, Plane, Scene, SceneObject, Source
 from usarsim_maps.units import reflect
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, is_regular
@@ -31,7 +41,6 @@ Value: TypeAlias = str | list[str]
 MAX_TEXT_BYTES = 256 << 20
 MAX_YAML_BYTES = 1 << 20
 MAX_YAML_LINES = 10_000
-MAX_CELLS = 64 << 20
 MAX_WALLS = 20_000
 """Boxes; a map with more is made coarser until it has fewer."""
 
@@ -43,9 +52,6 @@ CELLS_PER_METRE = 13.0
 
 OCCUPIED, FREE = 0.65, 0.196
 """Thresholds of the map server where the YAML file has none."""
-
-UNSEEN = 205
-"""Grey of unknown cells in pictures of the map server."""
 
 STARTS = 4
 HOVER = 0.25
@@ -62,6 +68,7 @@ class GridMap:
 
     walls: Mask  # cells, row 0 at the lowest y; some may be neither
     free: Mask
+    doubtful: Mask  # free cells that may be unknown
     size: float  # of a cell, m
     corner: Pose  # pose of the lower left corner
     wanted: tuple[float, float] | None  # a place that is probably free, m from that corner
@@ -120,10 +127,11 @@ class OccupancyReader(Reader):
 
 
 def _starts(grid: GridMap) -> list[StartPose]:
-    """Start poses in free places; none if there is no room."""
+    """Start poses in free places, inside if there is an inside; none if there is no room."""
     places: list[tuple[float, float]] = []
-    for room in (ROOM, 0.6 * ROOM):
-        places = places or free_places(grid.free, grid.size, grid.wanted, room, STARTS)
+    for allowed in (inside(grid.free & ~grid.doubtful), inside(grid.free), grid.free):
+        for room in (ROOM, 0.6 * ROOM):
+            places = places or free_places(grid.free, allowed, grid.size, grid.wanted, room, STARTS)
     starts = []
     for number, (x, y) in enumerate(places, start=1):
         pose = grid.corner @ Pose((x, y, HOVER))
@@ -141,25 +149,40 @@ def load_grid(source: Path, context: Context) -> GridMap:
     if suffix in (".yaml", ".yml"):
         return _from_yaml(source, context, None)
     if suffix == ".txt":
-        cells = read_digits(source)
-        return _plain(source, cells, ~cells, "MRESim text", context)
+        walls = read_digits(source)
+        cells = Cells(walls, ~walls, np.zeros_like(walls))
+        return _plain(source, cells, "MRESim text", context)
     for other in (".yaml", ".yml"):
         beside = source.with_suffix(other)
         if is_regular(beside) and context.admit(beside, source):
             context.findings.warn(source.name, f"its scale and place are those of {beside.name}")
             return _from_yaml(beside, context, source)
-    gray = _gray(source)
-    occupied = _occupied(gray, False)
-    # Pictures of the map server have one grey for what nobody has seen.
-    known = FREE if (np.round(gray * 255.0) == UNSEEN).any() else OCCUPIED
-    return _plain(source, occupied > OCCUPIED, occupied < known, "occupancy picture", context)
+    return _plain(source, picture_cells(read_shades(source)), "occupancy picture", context)
 
 
-def _plain(source: Path, walls: Mask, free: Mask, title: str, context: Context) -> GridMap:
+def _plain(source: Path, cells: Cells, title: str, context: Context) -> GridMap:
     """A grid that says nothing about scale: its upper left corner is the origin."""
     size = 1.0 / (context.options.scale or CELLS_PER_METRE)
-    corner, assumed = Pose((0.0, -walls.shape[0] * size, 0.0)), context.options.scale is None
-    return GridMap(walls[::-1], free[::-1], size, corner, None, title, assumed, (source,))
+    corner = Pose((0.0, -cells.walls.shape[0] * size, 0.0))
+    assumed = context.options.scale is None
+    return _grid(cells, size, corner, None, title, assumed, (source,), context)
+
+
+def _grid(
+    cells: Cells,
+    size: float,
+    corner: Pose,
+    wanted: tuple[float, float] | None,
+    title: str,
+    assumed: bool,
+    files: tuple[Path, ...],
+    context: Context,
+) -> GridMap:
+    """A map with its lowest row first; what is to be said of its cells is reported."""
+    for note in cells.notes:
+        context.findings.warn(files[-1].name, note)
+    masks = cells.walls[::-1], cells.free[::-1], cells.doubtful[::-1]
+    return GridMap(*masks, size, corner, wanted, title, assumed, files)
 
 
 # ---- YAML ------------------------------------------------------------------------------------
@@ -185,13 +208,13 @@ def _from_yaml(path: Path, context: Context, picture: Path | None) -> GridMap:
     if context.options.scale is not None:
         size = 1.0 / context.options.scale
     x, y, yaw = _origin(path, table)
-    occupied = _occupied(_gray(found), _flag(path, table), _text_of(table, "mode"))
     wall = _number(path, table, "occupied_thresh", OCCUPIED)
     open_ = _number(path, table, "free_thresh", FREE)
+    shades = read_shades(found)
+    cells = map_server_cells(shades, _mode(path, table), _flag(path, table), wall, open_)
     corner = Pose((x, y, 0.0), quaternion_from_rpy(0.0, 0.0, yaw))
     start = (corner.inverse() @ Pose()).position[:2]
-    walls, free = (occupied > wall)[::-1], (occupied < max(open_, 1e-6))[::-1]
-    return GridMap(walls, free, size, corner, start, "occupancy grid", False, (path, found))
+    return _grid(cells, size, corner, start, "occupancy grid", False, (path, found), context)
 
 
 def read_yaml(path: Path, text: str) -> dict[str, Value]:
@@ -254,6 +277,15 @@ def _number(path: Path, table: dict[str, Value], key: str, default: float | None
     return number
 
 
+def _mode(path: Path, table: dict[str, Value]) -> Mode:
+    word = _text_of(table, "mode") or "trinary"
+    for mode in MODES:
+        if word == mode:
+            return mode
+    problem, cure = f"{word!r:.60} is no mode of map servers", f"write one of {', '.join(MODES)}"
+    raise MapImportError(at(path, problem, cure, where="mode"))
+
+
 def _flag(path: Path, table: dict[str, Value]) -> bool:
     return _text_of(table, "negate") in ("1", "true", "yes", "on")
 
@@ -271,29 +303,6 @@ def _origin(path: Path, table: dict[str, Value]) -> tuple[float, float, float]:
 
 
 # ---- cells -----------------------------------------------------------------------------------
-
-
-def _gray(path: Path) -> Array:
-    """Brightness (rows, columns) from 0 to 1, top row first; nan where a picture is transparent."""
-    with open_picture(path, str(path), MAX_CELLS) as image:
-        if image.mode.startswith("I") or image.mode == "F":
-            deep = np.array(image, dtype=float)
-            return deep / (65535.0 if deep.max(initial=0.0) > 255.0 else 255.0)
-        pixels = np.array(image.convert("RGBA"), dtype=np.uint8)
-    gray = np.asarray(pixels[:, :, :3].mean(axis=2) / 255.0)
-    gray[pixels[:, :, 3] == 0] = np.nan
-    return gray
-
-
-def _occupied(gray: Array, negate: bool, mode: str = "") -> Array:
-    """Probability that a cell is occupied, nan where nothing is known.
-
-    Dark is occupied; `negate` turns that round. In mode `raw` the pixel is the percentage.
-    """
-    if mode == "raw":
-        percent = np.round(gray * 255.0)
-        return np.asarray(np.where(percent > 100.0, np.nan, percent / 100.0))
-    return gray if negate else 1.0 - gray
 
 
 def read_digits(path: Path) -> Mask:
