@@ -66,7 +66,7 @@ TOP_KEYS = {
 THING_KEYS = {"name", "lower", "upper", "felt", "movable", "mass", "tolerance"}
 RAY_KEYS = {"from", "along", "felt", "distance", "color", "opacity", "thing", "tolerance"}
 
-PART = re.compile(r"\.(?:part|solid)(?:-\d+)?$")
+PART = re.compile(r"^s\d+:|\.(?:part|solid)(?:-\d+)?$")
 """What the builder adds to the name of an object for the names of its geoms."""
 
 

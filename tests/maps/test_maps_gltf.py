@@ -247,7 +247,7 @@ class TestBadFiles:
         ("changes", "told"),
         [
             ({"asset": {"version": "1.0"}}, "version 1.0"),
-            ({"extensionsRequired": ["EXT_meshopt_compression"]}, "EXT_meshopt"),
+            ({"extensionsRequired": ["EXT_primitive_voxels"]}, "EXT_primitive_voxels"),
             ({"nodes": [{"mesh": 5}]}, "nodes[0]"),
             ({"nodes": [{"children": [0]}]}, "nodes[0]"),
             ({"nodes": 7}, "nodes"),

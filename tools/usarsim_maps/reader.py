@@ -28,7 +28,7 @@ from usarsim_server.plugins import PluginTypes
 
 _MESHES = 'pip install "usarsim-server[meshes]"'
 PACKAGES = {"pxr": "pip install usd-core"} | dict.fromkeys(
-    ("DracoPy", "lxml", "networkx", "trimesh"), _MESHES
+    ("DracoPy", "lxml", "meshopt", "networkx", "trimesh"), _MESHES
 )
 """How to get an optional package."""
 
@@ -198,11 +198,15 @@ def read_scene(source: Path, context: Context | None = None) -> Scene:
 
 def without_refused(scene: Scene, context: Context, asker: Path) -> Scene:
     """The scene without pictures that lie where nothing may be read: the last place to look."""
-    changed = {
-        name: replace(material, texture=None)
-        for name, material in scene.materials.items()
-        if material.texture is not None and not context.admit(material.texture, asker)
-    }
+    changed = {}
+    for name, material in scene.materials.items():
+        if material.texture is not None and not context.admit(material.texture, asker):
+            material = replace(material, texture=None)
+        mask = material.opacity and material.opacity.picture
+        if isinstance(mask, Path) and not context.admit(mask, asker):
+            material = replace(material, opacity=None)
+        if material is not scene.materials[name]:
+            changed[name] = material
     return replace(scene, materials={**scene.materials, **changed}) if changed else scene
 
 

@@ -35,6 +35,25 @@ NEUTRAL: Color = (0.62, 0.62, 0.60, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
+class Opacity:
+    """Opacity that comes from a picture: parts of a surface are not there.
+
+    Attributes:
+        picture: image file, or its bytes; None: the material's own picture.
+        cutoff: below this opacity, from 0 to 1, there is nothing.
+        blend: what is partly clear is drawn so; else all that is there is opaque.
+        bright: brightness is the opacity, also of a picture with an alpha channel.
+        inverse: what is black, or has no alpha, is opaque.
+    """
+
+    picture: Path | bytes | None = field(default=None, repr=False)
+    cutoff: float = 0.5
+    blend: bool = False
+    bright: bool = False
+    inverse: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Material:
     """How a surface looks.
 
@@ -45,6 +64,7 @@ class Material:
         image: the bytes of an image file that lies inside another file (USDZ, GLB, packages);
             has precedence over `texture`.
         repeat: texture coordinates outside 0..1 repeat the picture.
+        opacity: where the surface has holes; None: nowhere.
     """
 
     name: str
@@ -52,6 +72,7 @@ class Material:
     texture: Path | None = None
     image: bytes | None = field(default=None, repr=False)
     repeat: bool = True
+    opacity: Opacity | None = None
 
 
 # ---- shapes ----------------------------------------------------------------------------------

@@ -187,6 +187,13 @@ def srgb(value: float) -> float:
     return float(1.055 * value ** (1.0 / 2.4) - 0.055)
 
 
+def shown(values: Array) -> Array:
+    """Linear parts of colours, each from 0 to 1, as screens show them (`srgb`)."""
+    return np.asarray(
+        np.where(values <= 0.0031308, 12.92 * values, 1.055 * values ** (1.0 / 2.4) - 0.055)
+    )
+
+
 def reflect(scene: Scene) -> Scene:
     """The mirror image of a scene: y becomes -y, for maps whose handedness was lost on the way.
 

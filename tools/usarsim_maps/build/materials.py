@@ -1,4 +1,4 @@
-"""Pictures of materials: whatever Pillow reads becomes PNG, of bounded size."""
+"""Pictures of materials: whatever Pillow reads becomes PNG, of bounded size; holes in them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 
 from PIL import Image
 
+from usarsim_maps.build.cut_outs import Stencil, glass, opacities, stencil_of
 from usarsim_maps.build.sheet import NameBook
 from usarsim_maps.files import open_picture
 from usarsim_maps.findings import Findings
@@ -27,6 +28,7 @@ class Finish:
     name: str  # unique and safe
     color: Color  # multiplies the picture
     picture: str | None  # file name below `textures/`, None without one
+    stencil: Stencil | None = None  # where the surface has holes
 
 
 def finish_materials(
@@ -44,15 +46,19 @@ def finish_materials(
         material = materials.get(name)
         if material is None:
             material = Material(name, NEUTRAL)
-        image = _open(material, findings)
-        picture = None if image is None else _write(image, folder, written)
+        source = material.image if material.image is not None else material.texture
+        image = _open(material, source, findings)
+        picture = None if image is None else _write(image.convert("RGB"), folder, written)
+        stencil, clear = _holes(material, image, findings)
         r, g, b, a = (min(1.0, max(0.0, c)) for c in material.color)
-        answer[name] = Finish(book.take(name or "plain"), (r, g, b, a), picture)
+        answer[name] = Finish(book.take(name or "plain"), (r, g, b, a * clear), picture, stencil)
     return answer
 
 
-def _open(material: Material, findings: Findings) -> Image.Image | None:
-    source = material.image if material.image is not None else material.texture
+def _open(
+    material: Material, source: Path | bytes | None, findings: Findings
+) -> Image.Image | None:
+    """A picture of a material, made small; None, and a finding, if it cannot be had."""
     if source is None:
         return None
     if isinstance(source, Path) and not is_regular(source):
@@ -62,10 +68,37 @@ def _open(material: Material, findings: Findings) -> Image.Image | None:
         with open_picture(source, material.name) as image:
             image.draft("RGB", (LARGEST, LARGEST))
             image.thumbnail((LARGEST, LARGEST))
-            return image.convert("RGB")
+            return image.copy()
     except MapImportError as error:
         findings.warn(str(material.texture or material.name), f"{error}; left out")
         return None
+
+
+def _holes(
+    material: Material, own: Image.Image | None, findings: Findings
+) -> tuple[Stencil | None, float]:
+    """Where a material has holes, and a factor for its opacity elsewhere."""
+    opacity = material.opacity
+    if opacity is None:
+        return None, 1.0
+    picture = own if opacity.picture is None else _open(material, opacity.picture, findings)
+    values = None if picture is None else opacities(picture, opacity)
+    if values is None:
+        return None, 1.0
+    clear = glass(values) if opacity.blend else None
+    if clear is not None:
+        return None, clear
+    there = values >= opacity.cutoff
+    if there.all() or not there.any():
+        if not there.any():
+            findings.warn(material.name, "its picture is wholly clear: it was left opaque")
+        return None, 1.0
+    found = stencil_of(there, material.repeat)
+    if found is None:
+        share = 100.0 * (1.0 - float(there.mean()))
+        text = f"holes of its picture ({share:.0f} %) are too fine to be cut: cameras and lasers "
+        findings.warn(material.name, text + "see no hole")
+    return found, 1.0
 
 
 def _write(image: Image.Image, folder: Path, written: dict[str, str]) -> str:

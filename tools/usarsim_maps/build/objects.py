@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from usarsim_maps.build.contact import collide
+from usarsim_maps.build.cut_outs import CutOuts
 from usarsim_maps.build.emitter import FELT, SEEN, Emitter, attributes, place
 from usarsim_maps.build.level import GRIP, SMOOTH
 from usarsim_maps.build.looks import Look, looks_of_mesh
@@ -58,7 +59,8 @@ class ObjectBuilder:
         self._emitter = emitter
         self._names = names
         self._findings = findings
-        self._baked: dict[tuple[int, bytes], _Baked] = {}
+        self._baked: dict[tuple[object, ...], _Baked] = {}
+        self._cut_outs = CutOuts(emitter.finishes, findings)
         self._boxes = self._fields = self._pieces = self._dropped = 0
 
     def add(self, thing: SceneObject) -> None:
@@ -94,7 +96,7 @@ class ObjectBuilder:
             if not isinstance(part.shape, Mesh):
                 yield from self._primitive(part, pose, linear, labels, thing)
                 continue
-            baked = self._bake(part.shape, linear)
+            baked = self._bake(part.shape, linear, part)
             if part.visible:
                 yield from self._show(baked, part, pose, labels)
             up = pose.inverse().rotate((0.0, 0.0, 1.0))
@@ -115,7 +117,7 @@ class ObjectBuilder:
         for part in thing.parts:
             pose, linear = take_apart(part.matrix)
             if isinstance(part.shape, Mesh):
-                baked = self._bake(part.shape, linear)
+                baked = self._bake(part.shape, linear, part)
                 if part.visible:
                     seen += self._show(baked, part, pose, None)
                 up = (thing.pose @ pose).inverse().rotate((0.0, 0.0, 1.0))
@@ -156,8 +158,11 @@ class ObjectBuilder:
 
     # ---- shared ----------------------------------------------------------------------------
 
-    def _bake(self, mesh: Mesh, linear: Array) -> _Baked:
-        key = (id(mesh), linear.tobytes())
+    def _bake(self, mesh: Mesh, linear: Array, part: Part) -> _Baked:
+        names = mesh.materials or ("",)
+        materials = [part.materials.get(slot, name) for slot, name in enumerate(names)]
+        holes = tuple(name for name in materials if self._cut_outs.has_holes(name))
+        key = (id(mesh), linear.tobytes(), *(materials if holes else ()))
         baked = self._baked.get(key)
         if baked is not None:
             return baked
@@ -178,7 +183,8 @@ class ObjectBuilder:
         looks: list[Look] = []
         for slot, look in looks_of_mesh(mesh, linear):
             baked.slots.append(slot)
-            looks.append(look)
+            material = materials[slot] if 0 <= slot < len(materials) else look.material
+            looks.append(self._cut_outs.cut(look, material))
         if looks:
             self._emitter.mesh_files(baked, mesh.name, looks)
         self._baked[key] = baked

@@ -8,16 +8,19 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PureWindowsPath
+from typing import ClassVar
 
 import numpy as np
 
 from usarsim_maps.files import AssetIndex, read_text
+from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.mesh_files import broken
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Array, Collision, Material, Mesh, Part, Scene, SceneObject, Source
+from usarsim_maps.support import Support, SupportTable, support_table
 from usarsim_maps.units import MIRROR, UU_PER_METRE, axis_matrix
 from usarsim_server.errors import MapImportError, at
 
@@ -34,7 +37,30 @@ SENSELESS = "1e30"
 _NOTHING = re.compile(r"[-+]?\d\.#\w+")
 _NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _FACE = re.compile(r"\d+:\s*A:\s*(\d{1,9})\s*B:\s*(\d{1,9})\s*C:\s*(\d{1,9})\b")
+_QUOTED = re.compile(r'"[^"]*"')
 _SLOT = re.compile(r"\*MESH_MTLID\s+(\d{1,9})\b")
+
+
+BLOCKS = support_table(
+    read="""
+        GEOMOBJECT GROUP MAP_DIFFUSE MAP_GENERIC MATERIAL MATERIAL_LIST MESH MESH_FACE_LIST MESH_TFACELIST
+        MESH_TVERTLIST MESH_VERTEX_LIST NODE_TM SCENE SUBMATERIAL
+    """,
+    left_out="""
+        BONEOBJECT CAMERAOBJECT CAMERA_ANIMATION HELPEROBJECT IK_JOINT LIGHTOBJECT LIGHT_ANIMATION
+        MAP_AMBIENT MAP_BUMP MAP_FILTERCOLOR MAP_OPACITY MAP_REFLECT MAP_REFRACT
+        MAP_SELFILLUM MAP_SHINE MAP_SHINESTRENGTH MAP_SPECULAR MESH_ANIMATION MESH_CFACELIST
+        MESH_CVERTLIST MESH_MAPPINGCHANNEL MESH_NORMALS MESH_WEIGHTS PHYSIQUE_DATA
+        SHAPEOBJECT SKIN_DATA TM_ANIMATION
+    """,
+)
+"""Blocks of an ASE file, by their words without the asterisk."""
+
+
+@dataclass(slots=True)
+class _AseMaterial:
+    name: str = ""
+    picture: str = ""
 
 
 @dataclass(slots=True)
@@ -55,10 +81,13 @@ class AseReader(Reader):
     title = "ASE"
     extensions = (".ase",)
     head = re.compile(rb"(?i)\A\s*\*3dsmax_asciiexport")
+    support: ClassVar[Mapping[str, SupportTable]] = {"ASE blocks": BLOCKS}
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""
-        geoms, materials = _parse(source, read_text(source, MAX_BYTES))
+        file = _AseFile(source, context.findings)
+        file.parse(read_text(source, MAX_BYTES))
+        geoms, materials = file.geoms, file.materials
         scale = context.options.scale or UU_PER_METRE
         turn = axis_matrix(context.options.up or "Z") / scale
         if context.options.mirror:
@@ -83,61 +112,125 @@ class AseReader(Reader):
         )
 
 
-def _parse(source: Path, text: str) -> tuple[list[_Geom], list[list[tuple[str, str]]]]:
-    """Geometry, and per material its sub-materials as (name, picture)."""
-    geoms: list[_Geom] = []
-    materials: list[list[tuple[str, str]]] = []
-    depth, sub_depth, items = 0, 0, 0
-    names: list[str] = []
-    for number, line in _lines(text):
-        key, _, rest = line.partition(" ")
-        rest = rest.strip()
-        match key.upper():
-            case "*MATERIAL":
-                materials.append([])
-                names = []
-                sub_depth = depth + 1
-            case "*MATERIAL_NAME" if materials:
-                names.append(rest.strip('"'))
-                if depth > sub_depth or not materials[-1]:
-                    materials[-1].append((names[-1], ""))
-            case "*SUBMATERIAL" if materials and len(names) == 1:
-                materials[-1].clear()
-            case "*BITMAP" if materials and materials[-1]:
-                name, _ = materials[-1][-1]
-                materials[-1][-1] = (name, rest.strip('"'))
-            case "*GEOMOBJECT":
-                geoms.append(_Geom())
-            case "*NODE_NAME" if geoms:
-                geoms[-1].name = rest.strip('"')
-            case "*MATERIAL_REF" if geoms:
-                geoms[-1].material = int(_numbers(rest, 1, source, number)[0])
-            case "*MESH_VERTEX" if geoms:
+class _AseFile:
+    """What the lines of a file add up to: every name and number belongs to the block around it."""
+
+    def __init__(self, source: Path, findings: Findings) -> None:
+        self.geoms: list[_Geom] = []
+        self.materials: list[list[_AseMaterial]] = []  # with their sub-materials
+        self._source = source
+        self._findings = findings
+        self._blocks: list[str] = []  # that are open, the outermost first
+        self._main = _AseMaterial()
+        self._skipped = 0  # open blocks when one began that is left out; 0: none has
+        self._name_wanted = ""  # kind of that block until its name has come
+
+    def parse(self, text: str) -> None:
+        """Read all lines; a `MapImportError` names the one that makes no sense."""
+        items = 0
+        number = 0
+        for number, line in _lines(text):
+            key, _, rest = line.partition(" ")
+            key, rest = key.upper(), rest.strip()
+            # Brackets inside of names are no blocks.
+            bare = _QUOTED.sub("", line)
+            more = bare.count("{") - bare.count("}")
+            if not self._skipped:
+                items += self._line(number, key, rest, line)
+            elif key == "*NODE_NAME" and self._name_wanted:
+                self._skip(rest.strip('"'))
+            if more > 0:
+                self._blocks += [key] * more
+            elif more < 0:
+                del self._blocks[more:]
+            if self._skipped and len(self._blocks) < self._skipped:
+                if self._name_wanted:
+                    self._skip("")
+                self._skipped = 0
+            if items > MAX_ITEMS:
+                raise broken(self._source, f"more than {MAX_ITEMS} vertices and faces", number)
+        if self._blocks:
+            raise broken(self._source, "the file ends inside a block", text.count("\n") + 1)
+
+    def _line(self, number: int, key: str, rest: str, line: str) -> int:
+        """Take in a line that is not left out; how many vertices or faces it has."""
+        inner = self._blocks[-1] if self._blocks else ""
+        if key.startswith("*") and "{" in rest and BLOCKS.get(key[1:]) is not Support.READ:
+            if rest.endswith("}"):
+                return 0
+            self._skipped = len(self._blocks) + 1
+            self._name_wanted = key[1:]
+            if inner in ("*GEOMOBJECT", "*MESH", "*MATERIAL", "*SUBMATERIAL", "*SCENE"):
+                # A part of something that is read: its kind says all.
+                self._skip("")
+            return 0
+        if "*MATERIAL_LIST" in self._blocks:
+            self._material(key, rest, inner)
+            return 0
+        if "*GEOMOBJECT" in self._blocks:
+            return self._geom(number, key, rest, line, inner)
+        if key == "*GEOMOBJECT":
+            self.geoms.append(_Geom())
+        elif key == "*MATERIAL" and "{" in rest:
+            # Some exporters write no list around their materials.
+            self._material(key, rest, inner)
+        elif self._blocks[:1] == ["*MATERIAL"]:
+            self._material(key, rest, inner)
+        return 0
+
+    def _skip(self, name: str) -> None:
+        """Count the block that is left out."""
+        self._findings.skip(self._name_wanted, name)
+        self._name_wanted = ""
+
+    def _material(self, key: str, rest: str, inner: str) -> None:
+        """A line of a material; a material with sub-materials is these."""
+        if key == "*MATERIAL":
+            self._main = _AseMaterial()
+            self.materials.append([self._main])
+        elif key == "*SUBMATERIAL" and self.materials:
+            if self.materials[-1][:1] == [self._main]:
+                self.materials[-1].clear()
+            self.materials[-1].append(_AseMaterial())
+        elif not self.materials:
+            return
+        elif key == "*MATERIAL_NAME":
+            # That of the material itself stands before those of its sub-materials.
+            group = self.materials[-1]
+            (self._main if inner == "*MATERIAL" else group[-1]).name = rest.strip('"')
+        elif key == "*BITMAP" and "*MAP_DIFFUSE" in self._blocks:
+            # Maps that are made of others hold theirs inside; the first one counts.
+            group = self.materials[-1]
+            material = group[-1] if "*SUBMATERIAL" in self._blocks else self._main
+            material.picture = material.picture or rest.strip('"')
+
+    def _geom(self, number: int, key: str, rest: str, line: str, inner: str) -> int:
+        """A line of a mesh; how many vertices or faces it has."""
+        geom, source = self.geoms[-1], self._source
+        match key:
+            case "*NODE_NAME" if inner == "*GEOMOBJECT":
+                geom.name = rest.strip('"')
+            case "*MATERIAL_REF" if inner == "*GEOMOBJECT":
+                geom.material = int(_numbers(rest, 1, source, number)[0])
+            case "*MESH_VERTEX":
                 values = _numbers(rest, 4, source, number, whole=1)
-                geoms[-1].vertices[int(values[0])] = values[1:4]
-                items += 1
-            case "*MESH_TVERT" if geoms:
+                geom.vertices[int(values[0])] = values[1:4]
+            case "*MESH_TVERT":
                 values = _numbers(rest, 3, source, number, whole=1)
-                geoms[-1].texture[int(values[0])] = values[1:3]
-                items += 1
-            case "*MESH_TFACE" if geoms:
+                geom.texture[int(values[0])] = values[1:3]
+            case "*MESH_TFACE":
                 values = _numbers(rest, 4, source, number)
-                geoms[-1].corners[int(values[0])] = (int(values[1]), int(values[2]), int(values[3]))
-                items += 1
-            case "*MESH_FACE" if geoms:
+                geom.corners[int(values[0])] = (int(values[1]), int(values[2]), int(values[3]))
+            case "*MESH_FACE":
                 face = _FACE.match(rest)
                 if face is None:
                     raise broken(source, f"{line[:60]!r} is no face", number)
-                geoms[-1].faces.append((int(face[1]), int(face[2]), int(face[3])))
+                geom.faces.append((int(face[1]), int(face[2]), int(face[3])))
                 slot = _SLOT.search(rest)
-                geoms[-1].slots.append(int(slot[1]) if slot else 0)
-                items += 1
-        depth += line.count("{") - line.count("}")
-        if items > MAX_ITEMS:
-            raise broken(source, f"more than {MAX_ITEMS} vertices and faces", number)
-    if depth > 0:
-        raise broken(source, "the file ends inside a block", text.count("\n") + 1)
-    return geoms, materials
+                geom.slots.append(int(slot[1]) if slot else 0)
+            case _:
+                return 0
+        return int(key.startswith("*MESH"))
 
 
 def _lines(text: str) -> Iterator[tuple[int, str]]:
@@ -161,12 +254,13 @@ def _numbers(
 
 
 def _materials(
-    materials: list[list[tuple[str, str]]], index: AssetIndex
+    materials: list[list[_AseMaterial]], index: AssetIndex
 ) -> tuple[dict[str, Material], list[Path]]:
     known: dict[str, Material] = {}
     files = []
     for group in materials:
-        for name, picture in group:
+        for material in group:
+            name, picture = material.name, material.picture
             plain = PureWindowsPath(picture).name
             found = index.find(picture or name, PICTURES)
             if found is not None and found.suffix.lower() in PICTURES:
@@ -178,7 +272,7 @@ def _materials(
 
 
 def _object(
-    geom: _Geom, turn: Array, materials: list[list[tuple[str, str]]], source: Path
+    geom: _Geom, turn: Array, materials: list[list[_AseMaterial]], source: Path
 ) -> SceneObject:
     order = {number: position for position, number in enumerate(geom.vertices)}
     try:
@@ -201,7 +295,7 @@ def _object(
         if np.linalg.det(turn) < 0.0:
             uvs = uvs[:, ::-1]
     group = materials[geom.material] if 0 <= geom.material < len(materials) else []
-    names = tuple(name for name, _ in group) or ("",)
+    names = tuple(material.name for material in group) or ("",)
     mesh = Mesh(
         name=geom.name,
         vertices=vertices,

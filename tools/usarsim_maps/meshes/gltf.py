@@ -6,32 +6,37 @@ count on nodes: `tag`, `movable`, `mass`, `friction`.
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
+from usarsim_maps.meshes.figures import morphed, skinned
 from usarsim_maps.meshes.gltf_data import DRACO, DracoPrimitive, GltfFile, Item, load_gltf
-from usarsim_maps.meshes.mesh_files import Axes, Pictures, SceneBuilder, axes_of
+from usarsim_maps.meshes.gltf_materials import finish_materials
+from usarsim_maps.meshes.gltf_support import (
+    EXTENSIONS,
+    MODES,
+    OBJECTS,
+    note_extensions,
+)
+from usarsim_maps.meshes.mesh_files import Axes, SceneBuilder, axes_of
 from usarsim_maps.meshes.polygons import MeshBuilder
+from usarsim_maps.meshes.vertex_colors import WHITE, shaded
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Array, Integers, LightKind, Material, Mesh, Part, Scene, SceneObject
-from usarsim_maps.units import affine, srgb
-from usarsim_server.errors import MapImportError, at
+from usarsim_maps.support import Support, SupportTable
+from usarsim_maps.units import affine, shown
+from usarsim_server.errors import MapImportError
 from usarsim_server.simulation.frames import Pose
 
 MAX_OBJECTS = 100_000
 
-UNDERSTOOD = {
-    "KHR_lights_punctual", "KHR_materials_emissive_strength", "KHR_materials_ior",
-    "KHR_materials_pbrSpecularGlossiness", "KHR_materials_specular", "KHR_materials_transmission",
-    "KHR_materials_unlit", "KHR_materials_volume", "KHR_mesh_quantization",
-    "KHR_texture_transform", "EXT_mesh_gpu_instancing", DRACO,
-}  # fmt: skip
-"""Extensions that a file may require."""
+MAX_SETS = 8
+"""Sets of four joints that hold a vertex."""
 
 REST = {
     "translation": (0.0, 0.0, 0.0),
@@ -51,16 +56,34 @@ class GltfReader(Reader):
     title = "glTF"
     extensions = (".glb", ".gltf")
     head = re.compile(rb'(?s)\AglTF|\A[\xef\xbb\xbf \t\r\n]*\{(?=.*"asset")(?=.*"version")')
+    support: ClassVar[Mapping[str, SupportTable]] = {
+        "glTF extensions": EXTENSIONS,
+        "glTF objects": OBJECTS,
+    }
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""
         file = load_gltf(source, context.confined())
-        missing = sorted(set(file.words("extensionsRequired")) - UNDERSTOOD)
-        if missing:
-            cure = "export without compression and without this extension"
-            raise MapImportError(at(source, f"the file requires {missing[0]}", cure))
+        note_extensions(file, context.findings)
         axes = axes_of(context.options, "Y")
         return _GltfScene(file, context, axes).filled()
+
+
+@dataclass(frozen=True, slots=True)
+class _GltfNode:
+    """A node of the scene that is shown."""
+
+    item: Item
+    matrix: Array  # (4, 4) into the file's frame
+    hidden: bool  # KHR_node_visibility of it or of a node above says so
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _GltfSkin:
+    """A skeleton in its rest pose."""
+
+    matrices: Array  # (j, 4, 4), see `figures.skinned`
+    place: Array  # (4, 4) where the skeleton stands
 
 
 class _GltfScene(SceneBuilder):
@@ -70,36 +93,50 @@ class _GltfScene(SceneBuilder):
         super().__init__(file.path, context, axes)
         self._file = file
         self._materials = finish_materials(file, self.pictures)
+        self._known = {material.name: material for material, _ in self._materials}
+        self._places: dict[int, Array] = {}
+        self._skins: dict[int, _GltfSkin] = {}
 
     def filled(self) -> Scene:
         """Everything that the default scene shows."""
-        for item, matrix in self._nodes():
-            for whole in self._instances(item, matrix):
-                self._node(item, whole)
+        nodes = list(self._nodes())
+        self._places = {node.item.number: node.matrix for node in nodes}
+        for node in nodes:
+            for matrix in self._instances(node):
+                self._node(node, matrix)
                 if len(self.objects) > MAX_OBJECTS:
-                    raise item.error(f"more than {MAX_OBJECTS} objects", "split the map")
-        if self._file.items("skins"):
-            self.findings.warn(self.path.name, "figures with bones are shown as modelled")
-        materials = {material.name: material for material, _ in self._materials}
-        return self.scene("glTF", materials, self._file.files)
+                    cure = "split the map"
+                    raise node.item.error(f"more than {MAX_OBJECTS} objects", cure)
+        for animation in self._file.items("animations"):
+            self.findings.skip("animation", animation.text("name"))
+        return self.scene("glTF", self._known, self._file.files)
 
     # ---- nodes -----------------------------------------------------------------------------
 
-    def _nodes(self) -> Iterator[tuple[Item, Array]]:
-        """Every node of the default scene once, with its matrix; parents first."""
+    def _nodes(self) -> Iterator[_GltfNode]:
+        """Every node of the default scene once; parents first, of levels of detail the finest."""
         nodes, scenes = self._file.items("nodes"), self._file.items("scenes")
         roots = list(range(len(nodes)))
         if scenes:
             first = self._file.root.index("scene", scenes) or 0
             roots = scenes[first].indices("nodes", nodes)
+            for scene in scenes[:first] + scenes[first + 1 :]:
+                self.findings.skip("scene", scene.text("name"))
         elif nodes:
             inner = {child for node in nodes for child in node.indices("children", nodes)}
             roots = [number for number in roots if number not in inner]
-        todo = [(number, np.eye(4)) for number in reversed(roots)]
+        coarser = {
+            number
+            for node in nodes
+            for number in node.item("extensions").item("MSFT_lod").indices("ids", nodes)
+        }
+        todo = [(number, np.eye(4), False) for number in reversed(roots)]
         seen: set[int] = set()
         while todo:
-            number, parent = todo.pop()
+            number, parent, hidden = todo.pop()
             node = nodes[number]
+            if number in coarser:
+                continue
             if number in seen:
                 raise node.error("a node has two parents, or is its own", "export the map again")
             seen.add(number)
@@ -109,62 +146,107 @@ class _GltfScene(SceneBuilder):
                 self.findings.warn(self.path.name, text)
                 continue
             matrix = parent @ own
-            yield node, matrix
+            seen_of = node.item("extensions").item("KHR_node_visibility").value
+            hidden = hidden or seen_of.get("visible") is False
+            yield _GltfNode(node, matrix, hidden)
             children = node.indices("children", nodes)
-            todo.extend((child, matrix) for child in reversed(children))
+            todo.extend((child, matrix, hidden) for child in reversed(children))
 
-    def _instances(self, node: Item, matrix: Array) -> Iterator[Array]:
+    def _place(self, number: int) -> Array:
+        """Matrix of any node; also of one outside of the default scene, as joints may be."""
+        if number in self._places:
+            return self._places[number]
+        nodes = self._file.items("nodes")
+        above = {c: node.number for node in nodes for c in node.indices("children", nodes)}
+        matrix, way = np.eye(4), [number]
+        while way[-1] in above and len(way) <= len(nodes):
+            way.append(above[way[-1]])
+        for step in way:
+            own = _matrix(nodes[step])
+            if own is None:
+                raise nodes[step].error("no place")
+            matrix = own @ matrix
+        self._places[number] = matrix
+        return matrix
+
+    def _instances(self, node: _GltfNode) -> Iterator[Array]:
         """The matrices of a node: one, or those of its instances."""
-        instancing = node.item("extensions").item("EXT_mesh_gpu_instancing")
-        if not instancing.value:
-            yield matrix
-            return
+        instancing = node.item.item("extensions").item("EXT_mesh_gpu_instancing")
         attributes = instancing.item("attributes")
+        accessors = self._file.items("accessors")
         columns = {
-            word: self._file.accessor(attributes.index(word, self._file.items("accessors")))
+            word: self._file.accessor(attributes.index(word, accessors))
             for word in ("TRANSLATION", "ROTATION", "SCALE")
             if word in attributes.value
         }
-        count = min((len(column) for column in columns.values()), default=0)
+        if not columns or node.item.value.get("skin") is not None:
+            yield node.matrix
+            return
+        count = min(len(column) for column in columns.values())
         if count > MAX_OBJECTS:
-            raise node.error(f"{count} instances", "split the map")
+            raise node.item.error(f"{count} instances", "split the map")
         for row in range(count):
-            yield matrix @ _compose(
+            yield node.matrix @ _compose(
                 columns["TRANSLATION"][row] if "TRANSLATION" in columns else np.zeros(3),
                 columns["ROTATION"][row] if "ROTATION" in columns else np.array([0.0, 0, 0, 1]),
                 columns["SCALE"][row] if "SCALE" in columns else np.ones(3),
             )
 
-    def _node(self, node: Item, matrix: Array) -> None:
-        name = node.text("name") or f"node{node.number}"
-        extras = node.item("extras")
-        number = node.index("mesh", self._file.items("meshes"))
-        if number is not None:
-            meshes = self._file.items("meshes")
-            mesh = self.mesh(number, lambda: self._build(meshes[number]))
-            if mesh is None:
-                return
-            self.findings.count("mesh node")
-            pose, local = self.axes.place(matrix)
-            self.objects.append(
-                SceneObject(
-                    name=name,
-                    parts=(Part(mesh, local),),
-                    pose=pose,
-                    tag=extras.text("tag"),
-                    kind=extras.text("class") or "node",
-                    movable=bool(extras.value.get("movable")) is True,
-                    mass=extras.positive("mass"),
-                    friction=extras.positive("friction"),
-                )
-            )
-            return
+    def _node(self, node: _GltfNode, matrix: Array) -> None:
+        item = node.item
+        name = item.text("name") or f"node{item.number}"
+        number = item.index("mesh", self._file.items("meshes"))
         lights = self._file.root.item("extensions").item("KHR_lights_punctual").items("lights")
-        light = node.item("extensions").item("KHR_lights_punctual").index("light", lights)
+        light = item.item("extensions").item("KHR_lights_punctual").index("light", lights)
+        camera = item.index("camera", self._file.items("cameras"))
+        if camera is not None:
+            self.findings.skip("camera", name)
+        if node.hidden and (number is not None or light is not None):
+            self.findings.skip("hidden node", name)
+            return
+        if number is not None:
+            self._show(item, name, number, matrix)
         if light is not None:
             self._light(lights[light], name, matrix)
+        if number is None and light is None and camera is None:
+            self.mark(name, matrix, item.item("extras").text("tag"))
+
+    def _show(self, node: Item, name: str, number: int, matrix: Array) -> None:
+        """An object for a node with a mesh."""
+        item = self._file.items("meshes")[number]
+        extras = node.item("extras")
+        weights = tuple(_weights(node) or _weights(item))
+        skin, mesh = None, None
+        slot = node.index("skin", self._file.items("skins"))
+        if slot is not None:
+            try:
+                skin = self._skin(slot)
+                mesh = self.mesh((number, weights, slot), lambda: self._build(item, weights, skin))
+            except MapImportError as error:
+                self.findings.warn(self.path.name, f"{error}; {name} stands as it was modelled")
+                skin = None
+        if skin is None:
+            mesh = self.mesh((number, weights), lambda: self._build(item, weights, None))
+        if mesh is None:
             return
-        self.mark(name, matrix, extras.text("tag"))
+        self.findings.count("mesh node")
+        if skin is None:
+            pose, local = self.axes.place(matrix)
+        else:
+            # Joints alone say where a skin is: its node's matrix does not count.
+            pose, local = self.axes.place(skin.place, np.eye(4))
+        self.objects.append(
+            SceneObject(
+                name=name,
+                parts=(Part(mesh, local),),
+                pose=pose,
+                tag=extras.text("tag"),
+                kind=extras.text("class") or "node",
+                movable=bool(extras.value.get("movable")) is True,
+                mass=extras.positive("mass"),
+                friction=extras.positive("friction"),
+            )
+        )
 
     def _light(self, light: Item, name: str, matrix: Array) -> None:
         kinds = {"directional": LightKind.DIRECTIONAL, "spot": LightKind.SPOT}
@@ -182,65 +264,205 @@ class _GltfScene(SceneBuilder):
             cone=float(np.degrees(light.item("spot").number_or("outerConeAngle", np.pi / 4.0))),
         )
 
+    def _skin(self, number: int) -> _GltfSkin:
+        """A skeleton as its nodes stand; a `MapImportError` if it cannot be had."""
+        if number not in self._skins:
+            item = self._file.items("skins")[number]
+            nodes = self._file.items("nodes")
+            joints = item.indices("joints", nodes)
+            if not joints:
+                raise item.error("a skin without joints")
+            matrices = np.array([self._place(joint) for joint in joints])
+            binds = item.index("inverseBindMatrices", self._file.items("accessors"))
+            if binds is not None:
+                found = self._file.accessor(binds)
+                if found.shape[1] != 16 or len(found) < len(joints):
+                    raise item.error("inverse bind matrices that are not as many as joints")
+                # Matrices stand in the file column by column.
+                matrices = matrices @ found[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
+            root = item.index("skeleton", nodes)
+            place = self._place(joints[0] if root is None else root)
+            self._skins[number] = _GltfSkin(matrices, affine(offset=place[:3, 3]))
+        return self._skins[number]
+
     # ---- meshes ----------------------------------------------------------------------------
 
-    def _build(self, item: Item) -> Mesh | None:
+    def _build(self, item: Item, weights: Sequence[float], skin: _GltfSkin | None) -> Mesh | None:
         whole = MeshBuilder(self.path)
+        name = item.text("name") or f"mesh{item.number}"
         for primitive in item.items("primitives"):
-            found = self._primitive(primitive)
-            if found is None:
+            mode = primitive.number_of("mode", 4)
+            word = MODES[mode] if mode < len(MODES) else f"primitive of mode {mode}"
+            if OBJECTS.get(word) is not Support.READ:
+                self.findings.skip(word, name)
                 continue
-            vertices, triangles, texture, material = found
-            whole.add(
-                vertices, triangles, None if texture is None else texture[triangles], [material]
-            )
-        return whole.mesh(item.text("name") or f"mesh{item.number}")
+            self._primitive(primitive, MODES.index(word), weights, skin, whole)
+        return whole.mesh(name)
 
-    def _primitive(self, item: Item) -> tuple[Array, Integers, Array | None, str] | None:
-        """Vertices, triangles, texture coordinates per vertex, material; None for lines."""
-        mode = item.value.get("mode", 4)
+    def _primitive(
+        self,
+        item: Item,
+        mode: int,
+        weights: Sequence[float],
+        skin: _GltfSkin | None,
+        whole: MeshBuilder,
+    ) -> None:
+        """Add the triangles of a primitive to a mesh."""
         attributes, accessors = item.item("attributes"), self._file.items("accessors")
         place = attributes.index("POSITION", accessors)
-        if mode not in (4, 5, 6) or place is None:
-            self.findings.skip("points and lines")
-            return None
-        packed = None
-        if DRACO in item.item("extensions").value:
-            packed = DracoPrimitive(self._file, item)
+        if place is None:
+            self.findings.skip("primitive without positions")
+            return
+        packed = self._packed(item)
         vertices = self._values("POSITION", place, packed)
         if vertices.shape[1] != 3:
             raise item.error("positions that are no triples")
+        vertices = self._bent(item, vertices, weights, skin, packed)
         indices = item.index("indices", accessors)
         if packed is not None:
-            chain, mode = packed.chain, 4
+            triangles = packed.chain.reshape(-1, 3)
         elif indices is None:
-            chain = np.arange(len(vertices))
+            triangles = _triangles(np.arange(len(vertices)), mode)
         else:
             chain = self._file.accessor(indices)[:, 0].astype(np.int64)
-        if len(chain) and not 0 <= chain.min() <= chain.max() < len(vertices):
-            raise item.error(f"index {chain.max()} of {len(vertices)} vertices")
-        name, texture = "", None
+            last = self._file.greatest(indices)
+            runs = np.split(chain, np.flatnonzero(chain == last)) if mode != 4 else [chain]
+            triangles = np.concatenate([_triangles(run[run != last], mode) for run in runs])
+        if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(vertices):
+            raise item.error(f"index {triangles.max()} of {len(vertices)} vertices")
+        material, texture = self._looks(item, len(vertices), packed)
+        materials, slots = self._shaded(item, material, triangles, len(vertices), packed)
+        uvs = None if texture is None else texture[triangles]
+        whole.add(vertices, triangles, uvs, materials, slots)
+
+    def _packed(self, item: Item) -> DracoPrimitive | None:
+        """The compressed buffer of a primitive that has one.
+
+        Where the file has plain numbers, too, they stand in for a library that is not installed.
+        """
+        if DRACO not in item.item("extensions").value:
+            return None
+        try:
+            return DracoPrimitive(self._file, item)
+        except MapImportError:
+            if DRACO in self._file.words("extensionsRequired"):
+                raise
+            return None
+
+    def _bent(
+        self,
+        item: Item,
+        vertices: Array,
+        weights: Sequence[float],
+        skin: _GltfSkin | None,
+        packed: DracoPrimitive | None,
+    ) -> Array:
+        """Vertices (n, 3) as morph targets and joints bend them."""
+        attributes, accessors = item.item("attributes"), self._file.items("accessors")
+        changes, used = [], []
+        for target, weight in zip(item.items("targets"), weights, strict=False):
+            number = target.index("POSITION", accessors)
+            if number is None or not weight:
+                continue
+            change = self._file.accessor(number)
+            if change.shape != vertices.shape:
+                raise target.error("a morph target of other vertices")
+            changes.append(change)
+            used.append(weight)
+        vertices = morphed(vertices, changes, used)
+        if skin is None:
+            return vertices
+        joints, shares = [], []
+        for number in range(MAX_SETS):
+            words = f"JOINTS_{number}", f"WEIGHTS_{number}"
+            found = [attributes.index(word, accessors) for word in words]
+            if found[0] is None or found[1] is None:
+                break
+            joints.append(self._values(words[0], found[0], packed).astype(np.int64))
+            shares.append(self._values(words[1], found[1], packed))
+        if not joints or any(len(v) != len(vertices) for v in (*joints, *shares)):
+            raise item.error("joints and weights are not as many as vertices")
+        held = np.concatenate(joints, axis=1), np.concatenate(shares, axis=1)
+        if held[0].shape != held[1].shape:
+            raise item.error("weights are not as many as joints")
+        try:
+            return skinned(vertices, *held, skin.matrices)
+        except ValueError as error:
+            raise item.error(str(error)) from None
+
+    def _looks(
+        self, item: Item, count: int, packed: DracoPrimitive | None
+    ) -> tuple[Material | None, Array | None]:
+        """Material of a primitive and texture coordinates (n, 2) of its vertices; None without."""
+        attributes, accessors = item.item("attributes"), self._file.items("accessors")
+        material = None
         try:
             slot = item.index("material", self._materials)
-            if slot is not None:
-                material, mapping = self._materials[slot]
-                name = material.name
-                channel = f"TEXCOORD_{mapping.channel}"
-                uv = attributes.index(channel, accessors)
-                if uv is not None and (material.texture or material.image):
-                    texture = mapping.apply(self._values(channel, uv, packed)[:, :2])
-                    if len(texture) != len(vertices):
-                        raise item.error("texture coordinates are not as many as vertices")
+            if slot is None:
+                return None, None
+            material, mapping = self._materials[slot]
+            channel = f"TEXCOORD_{mapping.channel}"
+            uv = attributes.index(channel, accessors)
+            if uv is None or not (material.texture or material.image):
+                return material, None
+            texture = mapping.apply(self._values(channel, uv, packed)[:, :2])
+            if len(texture) != count:
+                raise item.error("texture coordinates are not as many as vertices")
+            return material, texture
         except MapImportError as error:  # a surface without its looks is a surface
             self.findings.warn(self.path.name, f"{error}; its looks were left out")
-            texture = None
-        return vertices, _triangles(chain, int(mode)), texture, name
+            return material, None
+
+    def _shaded(
+        self,
+        item: Item,
+        material: Material | None,
+        triangles: Integers,
+        count: int,
+        packed: DracoPrimitive | None,
+    ) -> tuple[list[str], Integers | None]:
+        """Names of materials, and their numbers by triangle: one, or its shades by COLOR_0."""
+        names = [material.name if material else ""]
+        attributes, accessors = item.item("attributes"), self._file.items("accessors")
+        try:
+            number = attributes.index("COLOR_0", accessors)
+            if number is None or not len(triangles):
+                return names, None
+            colors = self._values("COLOR_0", number, packed)
+            if len(colors) != count or colors.shape[1] not in (3, 4):
+                raise item.error("colours are not as many as vertices")
+        except MapImportError as error:
+            self.findings.warn(self.path.name, f"{error}; colours of vertices were left out")
+            return names, None
+        most = float(np.nanmax(colors, initial=0.0))
+        if most > 1.0:  # whole numbers that do not say that they are normalized
+            colors = colors / (255.0 if most <= 255.0 else 65535.0)
+        if material is None or (material.color[3] == 1.0 and material.opacity is None):
+            colors = colors[:, :3]
+        rgb = shown(np.nan_to_num(np.clip(colors[:, :3], 0.0, 1.0)))
+        colors = np.column_stack([rgb, colors[:, 3:]])
+        shades, slots = shaded(colors[triangles].mean(axis=1), material or WHITE)
+        self._known |= {shade.name: shade for shade in shades}
+        return [shade.name for shade in shades], slots
 
     def _values(self, name: str, accessor: int, packed: DracoPrimitive | None) -> Array:
         """An attribute, from its accessor or from the compressed buffer."""
-        if packed is not None:
+        if packed is not None and packed.has(name):
             return packed.attribute(name, accessor)
         return self._file.accessor(accessor)
+
+
+def _weights(item: Item) -> list[float]:
+    """Weights of the morph targets of a node or mesh; those that make no sense are zero."""
+    found = item.value.get("weights")
+    if not isinstance(found, list):
+        return []
+    return [
+        float(weight)
+        if isinstance(weight, int | float) and not isinstance(weight, bool) and abs(weight) < 1e6
+        else 0.0
+        for weight in found
+    ]
 
 
 def _triangles(chain: Integers, mode: int) -> Integers:
@@ -275,102 +497,3 @@ def _compose(translation: Array, rotation: Array, scale: Array) -> Array:
     """Translation, rotation (x, y, z, w) and scale as a matrix."""
     x, y, z, w = rotation / max(float(np.linalg.norm(rotation)), 1e-12)
     return affine(Pose(quaternion=(w, x, y, z)).matrix() * scale, translation)
-
-
-# ---- materials -----------------------------------------------------------------------------
-
-REPEAT, MIRRORED = 10497, 33648
-
-
-@dataclass(frozen=True, slots=True)
-class Mapping:
-    """How a material uses texture coordinates."""
-
-    channel: int = 0  # number of the set of coordinates
-    offset: tuple[float, float] = (0.0, 0.0)  # of KHR_texture_transform
-    scale: tuple[float, float] = (1.0, 1.0)
-    rotation: float = 0.0  # rad, anticlockwise in the picture
-
-    def apply(self, uvs: Array) -> Array:
-        """Coordinates (n, 2) with v upwards; in the file v counts downwards."""
-        c, s = math.cos(self.rotation), math.sin(self.rotation)
-        scaled = uvs * np.array(self.scale)
-        turned = scaled @ np.array([[c, s], [-s, c]]).T + np.array(self.offset)
-        return np.asarray(turned * np.array([1.0, -1.0]) + np.array([0.0, 1.0]))
-
-
-def finish_materials(file: GltfFile, pictures: Pictures) -> list[tuple[Material, Mapping]]:
-    """All materials in the order of the file; names are made unique.
-
-    A picture that cannot be had is a finding.
-    """
-    taken: set[str] = set()
-    answer = []
-    for item in file.items("materials"):
-        name = item.text("name") or "material"
-        if name in taken:
-            name = f"{name}-{item.number}"
-        taken.add(name)
-        answer.append(_material(file, item, name, pictures))
-    return answer
-
-
-def _material(
-    file: GltfFile, item: Item, name: str, pictures: Pictures
-) -> tuple[Material, Mapping]:
-    findings = pictures.context.findings
-    base, color, picture = item.item("pbrMetallicRoughness"), "baseColorFactor", "baseColorTexture"
-    older = item.item("extensions").item("KHR_materials_pbrSpecularGlossiness")
-    if older.value:
-        base, color, picture = older, "diffuseFactor", "diffuseTexture"
-    r, g, b, a = np.clip(base.vector(color, (1.0, 1.0, 1.0, 1.0), findings), 0.0, 1.0).tolist()
-    if item.text("alphaMode") != "BLEND":
-        a = 1.0
-    passed = item.item("extensions").item("KHR_materials_transmission")
-    a = min(a, 1.0 - 0.8 * (passed.positive("transmissionFactor") or 0.0))
-    material = Material(name, (srgb(r), srgb(g), srgb(b), max(0.0, a)))
-    texture = base.item(picture)
-    try:
-        number = texture.index("index", file.items("textures"))
-        if number is not None:
-            return _textured(file, material, file.items("textures")[number], texture, pictures)
-    except MapImportError as error:
-        findings.warn(file.path.name, f"{error}; the picture of {name!r} was left out")
-    return material, Mapping()
-
-
-def _textured(
-    file: GltfFile, material: Material, entry: Item, use: Item, pictures: Pictures
-) -> tuple[Material, Mapping]:
-    source = entry.index("source", file.items("images"))
-    for word in ("EXT_texture_webp", "MSFT_texture_dds"):
-        if source is None:
-            source = entry.item("extensions").item(word).index("source", file.items("images"))
-    if source is None:
-        return material, Mapping()
-    image = file.items("images")[source]
-    sampler = entry.index("sampler", file.items("samplers"))
-    repeat = True
-    if sampler is not None:
-        wrap = file.items("samplers")[sampler].number_of("wrapS", REPEAT)
-        repeat = wrap in (REPEAT, MIRRORED)
-    path, content = None, None
-    uri = image.text("uri")
-    view = image.index("bufferView", file.items("bufferViews"))
-    if uri.startswith("data:"):
-        content = file.resource(image, uri)
-    elif uri:
-        path = pictures.find(uri)
-    elif view is not None:
-        content = file.view(view)
-    change = use.item("extensions").item("KHR_texture_transform")
-    findings = pictures.context.findings
-    u, v = change.vector("offset", (0.0, 0.0), findings)
-    su, sv = change.vector("scale", (1.0, 1.0), findings)
-    mapping = Mapping(
-        channel=change.number_of("texCoord", use.number_of("texCoord", 0)),
-        offset=(u, v),
-        scale=(su, sv),
-        rotation=change.number_or("rotation", 0.0),
-    )
-    return Material(material.name, material.color, path, content, repeat), mapping

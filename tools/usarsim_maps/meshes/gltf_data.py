@@ -34,7 +34,9 @@ FAR = 1e12
 """Larger numbers in nodes have no meaning."""
 
 
-_COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_COMPONENTS = {
+    5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4", 5130: "<f8",
+}  # fmt: skip
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
@@ -145,6 +147,7 @@ class GltfFile:
     folders: Folders  # out of which buffers may be read
     _chunk: bytes | None = None
     _buffers: dict[int, bytes] = field(default_factory=dict)
+    _unpacked: dict[int, bytes] = field(default_factory=dict)
     _lists: dict[str, list[Item]] = field(default_factory=dict)
 
     def items(self, key: str) -> list[Item]:
@@ -164,6 +167,46 @@ class GltfFile:
         if number >= len(views):
             raise self.root.error(f"bufferView {number} of {len(views)}")
         view = views[number]
+        for name in MESHOPT:
+            packed = view.item("extensions").item(name)
+            if packed.value:
+                try:
+                    return self._meshopt(number, packed)
+                except MapImportError:
+                    # Where the plain bytes are there, too, nothing is lost.
+                    if name in self.words("extensionsRequired") or self._is_stand_in(view, name):
+                        raise
+        return self._piece(view)
+
+    def _is_stand_in(self, view: Item, name: str) -> bool:
+        """Whether the buffer of a view holds nothing, for all of it is compressed elsewhere."""
+        number = view.index("buffer", self.items("buffers"))
+        buffer = view if number is None else self.items("buffers")[number]
+        stands_in = buffer.item("extensions").item(name).value.get("fallback") is True
+        return number is None or (stands_in and not buffer.text("uri"))
+
+    def _meshopt(self, number: int, packed: Item) -> bytes:
+        """The bytes of a view that is compressed by meshoptimizer."""
+        if number not in self._unpacked:
+            count, stride = packed.number_of("count", 0), packed.number_of("byteStride", 0)
+            if count * stride > MAX_BYTES:
+                raise packed.error(f"{count} elements of {stride} bytes are too many")
+            content = self._piece(packed)
+            meshopt = need("meshopt", self.path, "buffers compressed by meshoptimizer")
+            mode, sieve = packed.text("mode"), packed.text("filter") or None
+            try:
+                found = np.asarray(meshopt.decode_gltf_buffer(content, count, stride, mode, sieve))
+            except Exception as error:  # a library of C++ behind several layers
+                text = f"meshoptimizer cannot decompress it: {error}"
+                raise packed.error(" ".join(text.split())[:200]) from None
+            kind = {2: np.uint16, 4: np.uint32}.get(stride, np.uint32)
+            self._unpacked[number] = (
+                found.astype(kind) if mode != "ATTRIBUTES" else found
+            ).tobytes()
+        return self._unpacked[number]
+
+    def _piece(self, view: Item) -> bytes:
+        """The bytes of a buffer that a view names."""
         buffer = view.index("buffer", self.items("buffers"))
         if buffer is None:
             raise view.error("no buffer")
@@ -196,6 +239,12 @@ class GltfFile:
         if sparse.value:
             values = self._sparse(item, sparse, values, dtype, width)
         return _normalized(item, values, dtype)
+
+    def greatest(self, number: int) -> int:
+        """The largest number that the components of an accessor can hold: as an index, none."""
+        kind = _COMPONENTS.get(self.items("accessors")[number].number_of("componentType", 0), "<u4")
+        dtype = np.dtype(kind)
+        return int(np.iinfo(dtype).max) if dtype.kind in "iu" else -1
 
     def as_accessor(self, number: int, values: NDArray[Any]) -> Array:
         """Values that come from elsewhere as those of an accessor, normalized if it says so."""
@@ -327,6 +376,9 @@ def _chunks(path: Path, content: bytes) -> tuple[bytes, bytes | None]:
 
 DRACO = "KHR_draco_mesh_compression"
 
+MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+"""Extensions of buffer views; the second adds a version of the format and a filter to the first."""
+
 NONE = 1 << 31
 """An attribute that no buffer has."""
 
@@ -348,6 +400,10 @@ class DracoPrimitive:
         except Exception as error:  # a library of C++ behind several layers: it says what it likes
             raise self._item.error(f"Draco cannot decompress it: {error}"[:200]) from None
         self.chain: Integers = faces.reshape(-1)  # (3 n,) vertex numbers of its triangles
+
+    def has(self, name: str) -> bool:
+        """Whether an attribute is in the compressed buffer; others are in their accessors."""
+        return name == "POSITION" or name in self._item.item("attributes").value
 
     def attribute(self, name: str, accessor: int) -> Array:
         """Values (n, width) of `POSITION` or another attribute, in the types of its accessor."""

@@ -38,7 +38,7 @@ from usarsim_server.worlds.description import PathNode, StartPose, Victim
 
 CURE = "the file is damaged or cut off; export it again"
 
-PICTURES = (".png", ".tga", ".dds", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
+PICTURES = (".png", ".tga", ".dds", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".gif")
 """Extensions of pictures, in the order of preference."""
 
 
@@ -73,14 +73,17 @@ class Axes:
             files=tuple(dict.fromkeys([path, *files])),
         )
 
-    def place(self, node: Array) -> tuple[Pose, Array]:
+    def place(self, node: Array, shape: Array | None = None) -> tuple[Pose, Array]:
         """Pose of a node in the world, and the matrix from its mesh into the frame of that pose.
+
+        The mesh stands where the node's matrix puts it, or another one (4, 4), `shape`.
 
         The pose is that of the node's matrix (4, 4) in the file with the axes exchanged: an upright
         thing has no rotation.
         """
         pose = self.pose(node)
-        return pose, matrix_of_pose(pose.inverse()) @ affine(self.linear) @ node
+        placed = node if shape is None else shape
+        return pose, matrix_of_pose(pose.inverse()) @ affine(self.linear) @ placed
 
     def pose(self, node: Array) -> Pose:
         """Pose of a node in the world; its x axis stays its x axis."""

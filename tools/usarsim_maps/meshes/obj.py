@@ -7,20 +7,23 @@ modellers write it, and the report says that this was assumed (worlds reference 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import NoReturn
+from typing import ClassVar, NoReturn
 
 import numpy as np
 
 from usarsim_maps.files import read_text
+from usarsim_maps.findings import MAX_NAMES
 from usarsim_maps.meshes.mesh_files import Axes, Pictures, axes_of, broken, with_hulls
 from usarsim_maps.meshes.polygons import MAX_TRIANGLES, check_count, make_mesh, triangulate
+from usarsim_maps.meshes.vertex_colors import shaded_slots
 from usarsim_maps.numbers import read_number
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Array, Material, Part, Scene, SceneObject
+from usarsim_maps.scene import Array, Material, Opacity, Part, Scene, SceneObject
+from usarsim_maps.support import Support, SupportTable, support_table
 
 MAX_BYTES = 512 << 20
 MAX_MTL_BYTES = 16 << 20
@@ -35,6 +38,9 @@ MAP_OPTIONS = {
 }  # fmt: skip
 """Options before the file name of a map, and how many words may follow each."""
 
+BRIGHT = ("r", "g", "b", "l")
+"""Channels of `-imfchan` other than the matte, which is the alpha channel."""
+
 
 @dataclass(slots=True)
 class _Group:
@@ -48,6 +54,25 @@ class _Group:
     textures: list[int] = field(default_factory=list)
 
 
+STATEMENTS = support_table(
+    read="f g mtllib o usemtl v vt",
+    left_out="""
+        bevel bmat bsp bzp c_interp call cdc con cstype csh ctech curv curv2 d_interp deg end hole
+        l lod maplib mg p parm res s scrv shadow_obj sp stech step surf trace_obj trim usemap vn vp
+    """,
+)
+"""Statements of OBJ (Wavefront's appendix B1)."""
+
+MTL_STATEMENTS = support_table(
+    read="d Kd map_Kd map_d newmtl Tr",
+    left_out="""
+        aniso anisor bump decal disp illum Ka Ke Km Ks map_aat map_bump map_Ka map_Ke map_Ks map_Ns
+        map_Pm map_Pr norm Ni Ns Pc Pcr Pm Pr Ps refl sharpness Tf
+    """,
+)
+"""Statements of MTL, and those of its extension for physically based looks."""
+
+
 @register("obj")
 class ObjReader(Reader):
     """Meshes, one object for every `o`, or for every `g` where there is no `o`."""
@@ -55,26 +80,32 @@ class ObjReader(Reader):
     title = "Wavefront OBJ"
     extensions = (".obj",)
     head = re.compile(rb"(?m)^\s*v\s+[-+.\d]+\s+[-+.\d]+\s+[-+.\d]+")
+    support: ClassVar[Mapping[str, SupportTable]] = {
+        "OBJ statements": STATEMENTS,
+        "MTL statements": MTL_STATEMENTS,
+    }
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""
         axes = axes_of(context.options, "Y", stated=False)
         file = _File(source)
         file.parse(read_text(source, MAX_BYTES))
+        for word in file.unread:
+            context.findings.skip("OBJ statement", word)
         if file.lost:
             text = f"{file.lost} corners have texture coordinates that are not there"
             context.findings.warn(source.name, text)
         pictures = Pictures(source, context)
         known, libraries = _materials(source, file.libraries, context, pictures)
-        objects = [file.build(group, axes) for group in file.groups if group.sizes]
+        used = {name: known.get(name, Material(name)) for name in file.materials if name}
+        objects = [file.build(group, axes, used) for group in file.groups if group.sizes]
         if not objects:
             raise broken(source, "there are no faces in this file")
         context.findings.count("mesh", len(objects))
-        used = dict.fromkeys(name for name in file.materials if name)
         return Scene(
             source=axes.source(source, "OBJ", [*libraries, *pictures.files]),
             objects=with_hulls(objects),
-            materials={name: known.get(name, Material(name)) for name in used},
+            materials=used,
         )
 
 
@@ -86,9 +117,11 @@ class _File:
         self.materials: dict[str, int] = {}
         self.libraries: list[str] = []
         self.lost = 0
+        self.unread: dict[str, None] = {}  # first words of lines that have no effect
         self._source = source
         self._points: list[tuple[float, float, float]] = []
         self._uvs: list[tuple[float, float]] = []
+        self._colors: dict[int, tuple[float, float, float]] = {}
         self._slot = -1
         self._by_name: dict[str, _Group] = {}
         self._has_objects = False
@@ -101,6 +134,8 @@ class _File:
                 match words[0]:
                     case "v":
                         self._points.append((float(words[1]), float(words[2]), float(words[3])))
+                        if len(words) > 6:
+                            self._color(words[4:7])
                     case "vt":
                         self._uvs.append((float(words[1]), float(words[2]) if words[2:] else 0.0))
                     case "f":
@@ -116,18 +151,31 @@ class _File:
                         self._slot = self.materials.setdefault(name, len(self.materials))
                     case "mtllib":
                         self.libraries.append(" ".join(words[1:]))
+                    case word if STATEMENTS.get(word) is not Support.READ and word != "#":
+                        if len(self.unread) < MAX_NAMES:
+                            self.unread[word[:20]] = None
             except (ValueError, IndexError):
                 if not self._again(words):
                     self._refuse(number, f"{' '.join(words)[:60]!r} is no sound line")
             if corners > 4 * MAX_TRIANGLES:
                 check_count(self._source, corners)
 
+    def _color(self, words: list[str]) -> None:
+        """Keep the colour of the latest vertex; what is none is passed over."""
+        try:
+            r, g, b = (read_number(word) for word in words)
+        except ValueError:
+            return
+        self._colors[len(self._points) - 1] = r, g, b
+
     def _again(self, words: list[str]) -> bool:
         """Try numbers with decimal commas, and what C prints for none; whether that helped."""
         try:
             match words[0], [read_number(word) for word in words[1:]]:
-                case "v", [x, y, z, *_]:
+                case "v", [x, y, z, *more]:
                     self._points.append((x, y, z))
+                    if len(more) >= 3:
+                        self._color(words[4:7])
                 case "vt", [u, v, *_]:
                     self._uvs.append((u, v))
                 case _:
@@ -198,8 +246,19 @@ class _File:
     def _all_uvs(self) -> Array:
         return np.array(self._uvs)
 
-    def build(self, group: _Group, axes: Axes) -> SceneObject:
-        """One object; its vertices are in the world's frame already."""
+    @cached_property
+    def _all_colors(self) -> Array:
+        """Colour of each vertex, 0 to 1; white where the file says none."""
+        colors = np.ones((len(self._points), 3))
+        rows = np.nan_to_num(np.array(list(self._colors.values())), posinf=1.0, neginf=0.0)
+        colors[list(self._colors)] = rows / (255.0 if rows.max() > 1.0 else 1.0)
+        return colors
+
+    def build(self, group: _Group, axes: Axes, materials: dict[str, Material]) -> SceneObject:
+        """One object; its vertices are in the world's frame already.
+
+        Shades of its materials by the colours of its vertices are added to the materials.
+        """
         points = self._all_points
         vertices = np.array(group.vertices)
         triangles, owner = triangulate(points[vertices], np.array(group.sizes))
@@ -210,14 +269,18 @@ class _File:
             uvs = self._all_uvs[np.maximum(textures, 0)]
             uvs[textures < 0] = 0.0
         slots, own = np.unique(np.array(group.slots)[owner], return_inverse=True)
-        names = list(self.materials)
+        known = list(self.materials)
+        names, own = [known[slot] for slot in slots], own.reshape(-1)
+        if self._colors:
+            colors = self._all_colors[vertices[triangles]].mean(axis=1)
+            names, own = shaded_slots(colors, names, own, materials)
         mesh = make_mesh(
             group.name,
             points,
             vertices[triangles],
             uvs=uvs,
-            slots=own.reshape(-1),
-            materials=[names[slot] for slot in slots],
+            slots=own,
+            materials=names,
             linear=axes.linear,
         )
         return SceneObject(group.name, (Part(mesh),), kind="mesh")
@@ -265,8 +328,14 @@ def read_mtl(path: Path, pictures: Pictures) -> dict[str, Material]:
     """Materials of a library; lines that make no sense are passed over."""
     known: dict[str, Material] = {}
     name = ""
+    unread: dict[str, None] = {}
+    read = {word.lower() for word, what in MTL_STATEMENTS.items() if what is Support.READ}
     for _, words in _lines(read_text(path, MAX_MTL_BYTES)):
         key, rest = words[0].lower(), words[1:]
+        if key not in read:
+            if len(unread) < MAX_NAMES:
+                unread[words[0][:20]] = None
+            continue
         if key == "newmtl":
             name = " ".join(rest)
             known[name] = Material(name)
@@ -285,8 +354,15 @@ def read_mtl(path: Path, pictures: Pictures) -> dict[str, Material]:
             case "map_kd":
                 file, repeat = _map(rest)
                 material = replace(material, texture=pictures.find(file), repeat=repeat)
+            case "map_d":
+                mask = pictures.find(_map(rest)[0])
+                if mask is not None:
+                    bright = _channel(rest) in BRIGHT
+                    material = replace(material, opacity=Opacity(mask, blend=True, bright=bright))
         color = tuple(min(1.0, max(0.0, value)) for value in (r, g, b, a))
         known[name] = replace(material, color=(color[0], color[1], color[2], color[3]))
+    for word in unread:
+        pictures.context.findings.skip("MTL statement", word)
     return {name: _lit(material) for name, material in known.items()}
 
 
@@ -307,6 +383,13 @@ def _numbers(words: list[str]) -> list[float]:
         if abs(value) < 1e9:
             found.append(value)
     return found
+
+
+def _channel(words: list[str]) -> str:
+    """The channel of a map's picture that counts: the word behind `-imfchan`, or nothing."""
+    lower = [word.lower() for word in words]
+    place = lower.index("-imfchan") + 1 if "-imfchan" in lower else len(lower)
+    return lower[place] if place < len(lower) else ""
 
 
 def _map(words: list[str]) -> tuple[str, bool]:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from usarsim_maps.files import read_bytes
+from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.mesh_files import axes_of, broken, with_hulls
 from usarsim_maps.meshes.polygons import MAX_TRIANGLES, check_count, make_mesh
 from usarsim_maps.numbers import read_number
@@ -36,7 +37,10 @@ class StlReader(Reader):
         """See `Reader.read`."""
         content = read_bytes(source, MAX_BYTES)
         axes = axes_of(context.options, "Z", stated=False)
-        solids = _text(source, content) if _is_text(content) else [_binary(source, content)]
+        if _is_text(content):
+            solids = _text(source, content)
+        else:
+            solids = [_binary(source, content, context.findings)]
         objects = []
         for name, corners in solids:
             if not len(corners):
@@ -51,14 +55,17 @@ class StlReader(Reader):
 
 
 def _is_text(content: bytes) -> bool:
-    """Some binary files begin with `solid`, too: then their size fits their count."""
+    """Whether a file is text. Some binary ones begin with `solid`, too, or have more behind.
+
+    The number of facets tells them apart: text has no bytes below that of a tabulator, and no
+    binary file of a size that is read has so many facets that each of its four bytes is above.
+    """
     if content.lstrip()[:5].lower() != b"solid":
         return False
-    count = int.from_bytes(content[80:HEADER], "little")
-    return len(content) != HEADER + count * _FACET.itemsize
+    return len(content) < HEADER or min(content[80:HEADER]) >= ord("\t")
 
 
-def _binary(source: Path, content: bytes) -> tuple[str, Array]:
+def _binary(source: Path, content: bytes, findings: Findings) -> tuple[str, Array]:
     if len(content) < HEADER:
         raise broken(source, f"{len(content)} bytes are no STL file")
     count = int.from_bytes(content[80:HEADER], "little")
@@ -68,6 +75,10 @@ def _binary(source: Path, content: bytes) -> tuple[str, Array]:
         raise broken(source, problem)
     check_count(source, count)
     facets = np.frombuffer(content, _FACET, count, HEADER)
+    marked = int(np.count_nonzero(facets["extra"]))
+    if marked:
+        # Some programs keep colours there, each in a way of its own.
+        findings.skip("attribute of a facet", times=marked)
     with np.errstate(invalid="ignore"):
         return source.stem, facets["corners"].astype(float)
 

@@ -6,6 +6,7 @@ the mean of their corners, and of many colours only `MOST` stay.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -49,6 +50,31 @@ def shaded(
             break
     materials = [_tinted(base, color) for color in found.tolist()]
     return materials, of_exact[slots]
+
+
+def shaded_slots(
+    colors: Array, names: Sequence[str], slots: Integers, materials: dict[str, Material]
+) -> tuple[list[str], Integers]:
+    """Materials of a mesh in the colours of its triangles.
+
+    Args:
+        colors: (t, 3) or (t, 4) of each triangle, see `shaded`.
+        names: of the mesh's materials.
+        slots: (t,) number among the names of each triangle.
+        materials: of the scene by name; shades are added. A name that is not there is white.
+
+    Returns:
+        The same as `names` and `slots` for the shades.
+    """
+    found: list[str] = []
+    answer = np.zeros(len(slots), dtype=np.int64)
+    for slot, name in enumerate(names):
+        chosen = slots == slot
+        shades, numbers = shaded(colors[chosen], materials.get(name, WHITE))
+        answer[chosen] = numbers + len(found)
+        materials |= {shade.name: shade for shade in shades}
+        found += [shade.name for shade in shades]
+    return found, answer
 
 
 def _different(colors: Integers) -> tuple[Integers, Integers]:
