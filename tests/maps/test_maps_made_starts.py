@@ -11,9 +11,12 @@ from built_worlds import World, build_world, cuboid_mesh, import_text, mesh_of, 
 from t3d_maps import brush, level
 
 from usarsim_maps.build.facts import AHEAD, Probe, free_way
+from usarsim_maps.convert import Request, import_map
+from usarsim_maps.reader import ImportOptions
 from usarsim_maps.scene import Part, Plane, SceneObject
 from usarsim_server.simulation.frames import Pose, rpy_from_quaternion
 from usarsim_server.worlds.description import StartPose
+from usarsim_server.worlds.loader import load_world
 
 GROUND = SceneObject("Ground", (Part(Plane()),))
 FLOOR = thing(cuboid_mesh((-8, -8, -0.2), (8, 8, 0)), "Floor")
@@ -79,3 +82,18 @@ def test_starts_of_the_map_stay(tmp_path: Path) -> None:
     said = StartPose("Said", Pose((0.0, 0.0, 0.25)))
     world = build_world(tmp_path, scene_of(GROUND, wall, starts=[said]))
     assert world.description.starts[0].pose == said.pose
+
+
+def test_starts_of_grids(tmp_path: Path) -> None:
+    """Those that occupancy maps make look along the longest way, too."""
+    rows = ["1" * 40, *(["1" + "0" * 38 + "1"] * 14), "1" * 40]
+    source = tmp_path / "plan.txt"
+    source.write_text("\n".join(["16", "40", *rows]) + "\n")
+    result = import_map(Request(source, options=ImportOptions(scale=5.0)))
+    world = load_world(result.folder)
+    assert len(world.starts) == 4
+    probe = Probe(result.folder / "scene.xml", source)
+    for start in world.starts:
+        yaw, way = free_way(probe, start.pose.position)
+        assert way > AHEAD
+        assert rpy_from_quaternion(start.pose.quaternion)[2] == pytest.approx(yaw)
