@@ -5,13 +5,17 @@ The library is optional: `pip install usarsim-server[usd]`.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
 from usarsim_maps.meshes.mesh_files import axes_of
 from usarsim_maps.reader import Context, Reader, need, register
 from usarsim_maps.scene import Scene
+from usarsim_maps.support import SupportTable
+from usarsim_maps.usd.schemas import API_SCHEMAS, COMPOSITION, PRIM_TYPES, PURPOSES
 from usarsim_server.errors import MapImportError, at
 
 SMALLEST, LARGEST = 1e-6, 1e6
@@ -24,6 +28,12 @@ class UsdReader(Reader):
 
     title = "OpenUSD"
     extensions = (".usd", ".usda", ".usdc", ".usdz")
+    support: ClassVar[Mapping[str, SupportTable]] = {
+        "OpenUSD prim types": PRIM_TYPES,
+        "OpenUSD API schemas": API_SCHEMAS,
+        "OpenUSD purposes": PURPOSES,
+        "OpenUSD composition": COMPOSITION,
+    }
 
     @classmethod
     def recognises(cls, head: bytes) -> bool:
@@ -41,6 +51,7 @@ class UsdReader(Reader):
             finest_variants,
             listening,
             open_stage,
+            tell_unused,
         )
         from usarsim_maps.usd.openusd.walker import StageReader
 
@@ -49,6 +60,7 @@ class UsdReader(Reader):
         try:
             with listening(context.findings):
                 finest_variants(stage, context.findings)
+                tell_unused(stage, context.findings)
                 axes = axes_of(
                     context.options,
                     _up(str(UsdGeom.GetStageUpAxis(stage)), source, context),

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from pxr import Ar, Tf, Usd, UsdUtils
+from pxr import Ar, Tf, Usd, UsdGeom, UsdUtils
 
 from usarsim_maps.files import MAX_BYTES, check_size, read_bytes, read_head
 from usarsim_maps.findings import Findings
@@ -34,6 +34,9 @@ MAX_RESOURCE = 256 << 20
 
 MAX_ROUNDS = 8
 """Variants within variants."""
+
+LEVELS = "lod"
+"""What the names of variant sets of levels of detail begin with, in lower case."""
 
 _QUOTED = re.compile(r" : '(.*?)'\s*(?=\n\s*Error in|$)", re.DOTALL)
 _PLACE = re.compile(r".*?:(?P<line>\d+):\d+: (?P<problem>.+)")
@@ -192,24 +195,105 @@ def _tell(stage: Any, messages: Iterable[str], findings: Findings) -> None:
 
 
 def finest_variants(stage: Any, findings: Findings) -> None:
-    """Choose the finest level of detail wherever a variant set `LOD` offers some (item 34)."""
+    """Choose the finest level of detail wherever a stage offers some (item 34).
+
+    That are variant sets `LOD...`, and the children of prims with the schema `LODRootAPI`.
+    Instances that hold such sets inside become single prims, since what instances share cannot be
+    changed.
+    """
     stage.SetEditTarget(Usd.EditTarget(stage.GetSessionLayer()))
     for _ in range(MAX_ROUNDS):
-        changes = 0
-        for prim in stage.TraverseAll():
-            sets = prim.GetVariantSets()
-            for name in sets.GetNames():
-                chosen = sets.GetVariantSelection(name)
-                if not name.lower().startswith("lod"):
-                    continue
-                names = sets.GetVariantSet(name).GetVariantNames()
-                finest = min(names, key=_level, default=chosen)
-                if finest != chosen:
-                    sets.SetSelection(name, finest)
-                    findings.fact("levels of detail", f"the finest ({finest})")
-                    changes += 1
+        changes = sum(
+            _choose_finest(prim, findings)
+            for prim in list(stage.TraverseAll())
+            if prim  # no longer where a choice above it has taken it away
+        )
+        for prototype in stage.GetPrototypes():
+            if any(_coarse(prim) for prim in Usd.PrimRange(prototype)):
+                for instance in prototype.GetInstances():
+                    if not instance.IsInPrototype():
+                        instance.SetInstanceable(False)
+                        changes += 1
         if not changes:
             return
+
+
+def _coarse(prim: Any) -> dict[str, str]:
+    """Finest variants by set, where another one is chosen."""
+    sets = prim.GetVariantSets()
+    answer = {}
+    for name in sets.GetNames():
+        if name.lower().startswith(LEVELS):
+            chosen = sets.GetVariantSelection(name)
+            finest = min(sets.GetVariantSet(name).GetVariantNames(), key=_level, default=chosen)
+            if finest != chosen:
+                answer[name] = finest
+    return answer
+
+
+def _choose_finest(prim: Any, findings: Findings) -> int:
+    """Choose the finest level of detail of one prim; how many choices were made."""
+    coarse = _coarse(prim)
+    for name, finest in coarse.items():
+        prim.GetVariantSets().SetSelection(name, finest)
+        findings.fact("levels of detail", f"the finest ({finest})")
+    changes = len(coarse)
+    if "LODRootAPI" in prim.GetPrimTypeInfo().GetAppliedAPISchemas():
+        for level in prim.GetChildren()[1:]:
+            level.SetActive(False)
+            findings.fact("levels of detail", "the finest")
+            changes += 1
+    return changes
+
+
+def tell_unused(stage: Any, findings: Findings) -> None:
+    """Count what a stage holds and does not show.
+
+    Variants that are not selected, prims that are not active, and `over` of prims that no file
+    defines, unless an instancer copies them. Levels of detail are no loss.
+    """
+    copied = [
+        path
+        for prim in stage.TraverseAll()
+        if prim.GetTypeName() == "PointInstancer"
+        for path in UsdGeom.PointInstancer(prim).GetPrototypesRel().GetTargets()
+    ]
+    walk = iter(Usd.PrimRange.AllPrims(stage.GetPseudoRoot()))
+    for prim in walk:
+        kind = ""
+        if not prim.IsActive():
+            kind = "" if _is_level(prim) else "inactive"
+        elif prim.IsPseudoRoot() or prim.IsDefined() or prim.IsAbstract():
+            _tell_variants(prim, findings)
+            continue
+        elif not any(
+            path.HasPrefix(prim.GetPath()) or prim.GetPath().HasPrefix(path) for path in copied
+        ):
+            kind = "over"
+        if kind:
+            findings.skip(kind, prim.GetName())
+        walk.PruneChildren()
+
+
+def _tell_variants(prim: Any, findings: Findings) -> None:
+    sets = prim.GetVariantSets()
+    for name in sets.GetNames():
+        if name.lower().startswith(LEVELS):
+            continue
+        chosen = sets.GetVariantSelection(name)
+        for other in sets.GetVariantSet(name).GetVariantNames():
+            if other != chosen:
+                findings.skip("variant", f"{name} {other}")
+
+
+def _is_level(prim: Any) -> bool:
+    """Whether a prim is one of several levels of detail."""
+    return "LODRootAPI" in prim.GetParent().GetPrimTypeInfo().GetAppliedAPISchemas()
+
+
+def has_samples(stage: Any) -> bool:
+    """Whether anything in a stage may change over time."""
+    return any(layer.ListAllTimeSamples() for layer in stage.GetUsedLayers())
 
 
 def _level(name: str) -> tuple[int, str]:

@@ -15,18 +15,21 @@ from usarsim_maps.meshes.polygons import check_count
 from usarsim_maps.reader import Context
 from usarsim_maps.scene import Array, Collision, Mesh, Part, Scene, SceneObject, Shape
 from usarsim_maps.units import affine, matrix_of_pose
-from usarsim_maps.usd.openusd.materials import LIGHTS, Finish, Finishes, light_of
-from usarsim_maps.usd.openusd.meshes import SHAPES, MeshReader, shape_of
-from usarsim_maps.usd.openusd.values import (
-    NOW,
-    array,
+from usarsim_maps.usd.openusd.figures import Figures
+from usarsim_maps.usd.openusd.lights import LIGHTS, light_of
+from usarsim_maps.usd.openusd.materials import Finishes
+from usarsim_maps.usd.openusd.meshes import MeshReader
+from usarsim_maps.usd.openusd.physics import (
     collision,
+    friction_of,
     is_collider,
     is_moved,
     mass_of,
-    matrix,
-    text,
 )
+from usarsim_maps.usd.openusd.shapes import SHAPES, shape_of
+from usarsim_maps.usd.openusd.stage import has_samples
+from usarsim_maps.usd.openusd.values import StageValues, matrix, shown_moment
+from usarsim_maps.usd.schemas import API_SCHEMAS, PRIM_TYPES, PURPOSES, is_read
 from usarsim_server.errors import MapImportError, at
 
 MAX_PARTS = 200_000
@@ -41,6 +44,9 @@ MAX_DEPTH = 4
 VISIBLE = Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
 PROTOTYPES = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
 """Prototypes of instancers need not be defined: exporters hide them that way."""
+
+NETWORKS = ("Material", "NodeGraph", "Shader")
+"""Types of prims below which nothing has a place."""
 
 MARKER = re.compile(
     r"(playerstart|robotstart|startpose|startpoint|pathnode|(fe)?malevictim|victim)"
@@ -59,6 +65,7 @@ class _Instance:
     prefix: Array
     suffix: str = ""
     depth: int = 0
+    purpose: str = "default"  # of what has none of its own
 
 
 @dataclass(slots=True, eq=False)
@@ -80,9 +87,12 @@ class StageReader(SceneBuilder):
         super().__init__(source, context, axes)
         self._stage = stage
         self._progress = context.progress
-        self._finishes = Finishes(self.pictures, context.findings)
-        self._reader = MeshReader(self._finishes, context.findings)
-        self._transforms = UsdGeom.XformCache(NOW)
+        self._values = StageValues(shown_moment(stage))
+        self._transforms = UsdGeom.XformCache(self._values.time)
+        self._finishes = Finishes(self.pictures, context.findings, self._values)
+        figures = Figures(context.findings, self._values, self._transforms)
+        self._reader = MeshReader(self._finishes, context.findings, self._values, figures)
+        self._animated = has_samples(stage)
         self._things: dict[str, _Thing] = {}
         self._guided: set[str] = set()
         self._parts = 0
@@ -112,30 +122,62 @@ class StageReader(SceneBuilder):
 
     def _enter(self, prim: Any, place: _Instance) -> bool:
         """Take in one prim; whether to go on below it."""
-        image = UsdGeom.Imageable(prim)
-        if image:
-            if image.GetVisibilityAttr().Get(NOW) == UsdGeom.Tokens.invisible:
-                self.findings.skip("invisible")
-                return False
-            if image.GetPurposeAttr().Get(NOW) == UsdGeom.Tokens.proxy:
-                self.findings.skip("proxy")
-                return False
-        kind = prim.GetTypeName()
+        kind, name = str(prim.GetTypeName()), prim.GetName()
+        if self._is_hidden(prim):
+            shapes = sum(_is_shape(below) for below in Usd.PrimRange(prim, VISIBLE))
+            self.findings.skip("invisible", name, max(1, shapes))
+            return False
+        self._tell(prim)
+        if kind and not is_read(PRIM_TYPES, kind):
+            self.findings.skip(kind, name)
+            return True
+        if kind in NETWORKS:
+            return False
         if kind == "PointInstancer":
             self._instancer(prim, place)
             return False
-        if kind == "Mesh" or kind in SHAPES:
-            self._shape(prim, place)
-            return True
-        if kind in LIGHTS:
-            here = self._matrix(prim, place)
-            if not (np.abs(here) < FARTHEST).all():
-                self.findings.warn(prim.GetName(), "a light at no place was left out")
-                return False
-            self.findings.count(kind)
-            self.lights.append(light_of(prim, here, self.axes))
+        if not (_is_shape(prim) or kind in LIGHTS):
+            return not self._marker(prim, place)
+        purpose = self._purpose(prim, place)
+        if not is_read(PURPOSES, purpose):
+            self.findings.skip(purpose, name)
+        elif kind in LIGHTS:
+            self._light(prim, place)
+        else:
+            self._shape(prim, place, guide=purpose == UsdGeom.Tokens.guide)
+        return True
+
+    def _is_hidden(self, prim: Any) -> bool:
+        """Whether a prim, and with it all below it, is not to be seen."""
+        image = UsdGeom.Imageable(prim)
+        if not image:
             return False
-        return not self._marker(prim, place)
+        if self._values.value(image.GetVisibilityAttr()) == UsdGeom.Tokens.invisible:
+            return True
+        only_rendered = self._values.text(prim, "renderVisibility")
+        return bool(only_rendered == UsdGeom.Tokens.invisible)
+
+    def _purpose(self, prim: Any, place: _Instance) -> str:
+        """The purpose of a shape: its own, else that of the nearest prim above that has one."""
+        found = UsdGeom.Imageable(prim).ComputePurposeInfo()
+        return str(found.purpose) if found.isInheritable else place.purpose
+
+    def _tell(self, prim: Any) -> None:
+        """Count what is applied to a prim and has no effect in the world."""
+        for schema in prim.GetPrimTypeInfo().GetAppliedAPISchemas():
+            base = str(schema).partition(":")[0]
+            if not is_read(API_SCHEMAS, base):
+                self.findings.skip(base, prim.GetName())
+        if self._animated and UsdGeom.Xformable(prim).TransformMightBeTimeVarying():
+            self.findings.skip("animation", prim.GetName())
+
+    def _light(self, prim: Any, place: _Instance) -> None:
+        here = self._matrix(prim, place)
+        if not (np.abs(here) < FARTHEST).all():
+            self.findings.warn(prim.GetName(), "a light at no place was left out")
+            return
+        self.findings.count(prim.GetTypeName())
+        self.lights.append(light_of(prim, here, self.axes, self._values))
 
     def _matrix(self, prim: Any, place: _Instance) -> Array:
         """Whoever asks looks whether it is a place."""
@@ -154,21 +196,27 @@ class StageReader(SceneBuilder):
             self.findings.warn(prim.GetName(), "instancers within instancers are too deep")
             return
         targets = [self._stage.GetPrimAtPath(p) for p in instancer.GetPrototypesRel().GetTargets()]
-        chosen = array(instancer.GetProtoIndicesAttr())
+        chosen = self._values.array(instancer.GetProtoIndicesAttr())
         how = UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
-        transforms = instancer.ComputeInstanceTransformsAtTime(NOW, NOW, *how)
+        time = self._values.time
+        transforms = instancer.ComputeInstanceTransformsAtTime(time, time, *how)
         if chosen is None or transforms is None or len(transforms) != len(chosen):
             self.findings.warn(prim.GetName(), "an instancer without sound places was left out")
             return
         if len(chosen) > MAX_PARTS:
             raise self._too_many(len(chosen))
-        mask = instancer.ComputeMaskAtTime(NOW) or [True] * len(chosen)
+        mask = instancer.ComputeMaskAtTime(time) or [True] * len(chosen)
         self.findings.count("PointInstancer")
         outer = self._matrix(prim, place)
+        purpose = self._purpose(prim, place)
         for number, (index, transform, shown) in enumerate(
             zip(chosen, transforms, mask, strict=True)
         ):
-            if not shown or not 0 <= index < len(targets) or not targets[int(index)]:
+            if not shown:
+                self.findings.skip("invisible", prim.GetName())
+                continue
+            if not 0 <= index < len(targets) or not targets[int(index)]:
+                self.findings.warn(prim.GetName(), "copies of what is not there were left out")
                 continue
             target = targets[int(index)]
             own = matrix(self._transforms.GetLocalToWorldTransform(target))
@@ -176,26 +224,25 @@ class StageReader(SceneBuilder):
                 continue
             prefix = outer @ matrix(transform) @ np.linalg.inv(own)
             suffix = f"{place.suffix}_{number}"
-            self._walk(target, PROTOTYPES, _Instance(prefix, suffix, place.depth + 1))
+            self._walk(target, PROTOTYPES, _Instance(prefix, suffix, place.depth + 1, purpose))
 
     # ---- shapes ----------------------------------------------------------------------------
 
-    def _shape(self, prim: Any, place: _Instance) -> None:
-        guide = UsdGeom.Imageable(prim).ComputePurpose() == UsdGeom.Tokens.guide
+    def _shape(self, prim: Any, place: _Instance, *, guide: bool) -> None:
         if guide and not is_collider(prim):
-            self.findings.skip("guide that does not collide")
+            self.findings.skip("guide that does not collide", prim.GetName())
             return
         self._parts += 1
         if self._parts > MAX_PARTS:
             raise self._too_many(self._parts)
         self.findings.count(prim.GetTypeName())
-        owner = _owner(prim)
+        owner = _owner(prim, self._values)
         key = f"{owner.GetPath()}{place.suffix}"
         if key not in self._things:
             name = f"{owner.GetName()}{place.suffix}"
-            moved = is_moved(owner)
+            moved = is_moved(owner, self._values)
             self._things[key] = _Thing(owner, self._matrix(owner, place), name, place.suffix, moved)
-        felt = collision(prim)
+        felt = collision(prim, self._values)
         announced = collision_of(prim.GetName())
         if announced is not None:
             guide, felt = True, announced
@@ -224,47 +271,48 @@ class StageReader(SceneBuilder):
             found = self._build(prim, local)
             if found is None:
                 continue
-            shape, local, finish = found
+            shape, local, material = found
             # Only collision shapes are felt where there are some beside a shape (item 35).
             beside = f"{prim.GetParent().GetPath()}{thing.suffix}" in self._guided
             solid = Collision.NONE if beside and not guide else felt
-            names = {0: finish.material.name} if finish and finish.material.name else {}
+            names = {0: material} if material else {}
             parts.append(Part(shape, local, not guide, solid, names))
             if friction is None:
-                friction = self._finishes.friction(prim)
+                friction = friction_of(prim, self._values)
         if not parts:
             return None
         return SceneObject(
             name=thing.name,
             parts=tuple(parts),
             pose=pose,
-            tag=text(thing.prim, "usarsim:tag"),
+            tag=self._values.text(thing.prim, "usarsim:tag"),
             kind=_kind(thing.prim),
             movable=thing.movable,
-            mass=mass_of(thing.prim, self._kilograms),
+            mass=mass_of(thing.prim, self._values, self._kilograms),
             friction=friction,
         )
 
-    def _build(self, prim: Any, local: Array) -> tuple[Shape, Array, Finish | None] | None:
-        """A shape, its matrix, and its finish unless the shape knows its own."""
+    def _build(self, prim: Any, local: Array) -> tuple[Shape, Array, str] | None:
+        """A shape, its matrix, and the name of its material unless the shape knows its own."""
         if prim.GetTypeName() == "Mesh":
             mesh = self._reader.read(prim)
             check_count(self.path, self._reader.triangles)
-            return None if mesh is None else (mesh, local, None)
-        found = shape_of(prim, local)
+            return None if mesh is None else (mesh, local, "")
+        found = shape_of(prim, local, self._values)
         if found is None:
+            self.findings.warn(prim.GetName(), "a shape without any size was left out")
             return None
         shape, place = found
-        finish = self._finishes.of(prim)
+        material = self._finishes.on_shape(prim, self._finishes.of(prim)).name
         if isinstance(shape, Mesh):
-            return replace(shape, materials=(finish.material.name,)), place, None
-        return shape, place, finish
+            return replace(shape, materials=(material,)), place, ""
+        return shape, place, material
 
     # ---- names with a meaning --------------------------------------------------------------
 
     def _marker(self, prim: Any, place: _Instance) -> bool:
         """Whether a prim is a start, a path node or a victim (item 38)."""
-        kind = KINDS.get(text(prim, "usarsim:kind")) or _kind_by_name(prim)
+        kind = KINDS.get(self._values.text(prim, "usarsim:kind")) or _kind_by_name(prim)
         if not kind:
             return False
         name = f"{prim.GetName()}{place.suffix}"
@@ -272,7 +320,11 @@ class StageReader(SceneBuilder):
         if not (np.abs(here) < FARTHEST).all():
             self.findings.warn(name, "a thing at no place was left out")
             return True
-        tag = text(prim, "usarsim:tag") or text(prim, "userProperties:tag") or name
+        tag = (
+            self._values.text(prim, "usarsim:tag")
+            or self._values.text(prim, "userProperties:tag")
+            or name
+        )
         return self.mark(kind, here, tag)
 
 
@@ -295,7 +347,7 @@ def _letters(prim: Any) -> str:
     return re.sub(r"[^a-z]", "", prim.GetName().lower())
 
 
-def _owner(prim: Any) -> Any:
+def _owner(prim: Any, values: StageValues) -> Any:
     """The prim that is the object of a shape.
 
     A rigid body owns what is in it; else an instance or a model of the kind `component`; else the
@@ -303,7 +355,7 @@ def _owner(prim: Any) -> Any:
     """
     chosen = model = None
     for here in _chain(prim):
-        if is_moved(here):
+        if is_moved(here, values):
             return here
         if here.IsInstance() or Usd.ModelAPI(here).GetKind() == Kind.Tokens.component:
             model = here
@@ -340,10 +392,11 @@ def _holds_one(prim: Any) -> bool:
 
 
 def _has_shapes(prim: Any) -> bool:
-    return any(
-        below.GetTypeName() == "Mesh" or below.GetTypeName() in SHAPES
-        for below in Usd.PrimRange(prim, VISIBLE)
-    )
+    return any(_is_shape(below) for below in Usd.PrimRange(prim, VISIBLE))
+
+
+def _is_shape(prim: Any) -> bool:
+    return prim.GetTypeName() == "Mesh" or prim.GetTypeName() in SHAPES
 
 
 def _kind(prim: Any) -> str:
