@@ -188,7 +188,7 @@ def _report(record: dict[str, Any]) -> Report | None:
         for key in ("extents", "lower", "upper"):
             data[key] = None if data[key] is None else tuple(data[key])
         data["transparent"] = tuple(data["transparent"])
-        for key in ("starts", "missing", "warnings"):
+        for key in ("starts", "missing", "warnings", "clear"):
             data[key] = tuple(tuple(row) for row in data[key])
         return Report(**data)
     except (KeyError, TypeError, ValueError):

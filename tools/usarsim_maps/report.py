@@ -13,12 +13,10 @@ from usarsim_maps.files import read_head
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Array, Scene
 from usarsim_server.errors import MapImportError
+from usarsim_server.simulation.rays.scenery import is_glass_name
 
 MOST_LINES = 40
 """Of missing files, of warnings and of starts in the text; JSON has all."""
-
-PASSED = ("glass", "trans")
-"""Words in a material's name that let lasers through."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +39,8 @@ class Report:
     missing: tuple[tuple[str, str, int], ...]  # kind, name, uses
     warnings: tuple[tuple[str, str, int], ...]  # subject, text, times
     transparent: tuple[str, ...]  # materials that lasers pass, by their names
+    clear: tuple[tuple[str, float], ...]
+    """Materials that cameras see through and lasers do not, with their opacity."""
     licence: str  # a note on copying
     seconds: float  # of wall time that the import took
 
@@ -74,6 +74,9 @@ class Report:
             yield "left out   " + _counts(self.skipped, self.skipped_names)
         if self.transparent:
             yield "lasers pass " + ", ".join(self.transparent[:MOST_LINES])
+        if self.clear:
+            told = ", ".join(f"{name} ({100.0 * a:.0f} %)" for name, a in self.clear[:MOST_LINES])
+            yield f"clear      {told} opaque for cameras; lasers see them as they are felt"
         yield f"licence    {self.licence}"
         yield from _table("START", "ABOVE FLOOR", self._start_rows())
         yield from _table(
@@ -134,9 +137,12 @@ def make_report(scene: Scene, built: Built, findings: Findings, seconds: float) 
         missing=tuple(findings.missing_list()),
         warnings=tuple((w.subject, w.text, w.times) for w in findings.warnings()),
         transparent=tuple(
-            finish.name
+            finish.name for finish in built.finishes.values() if is_glass_name(finish.name)
+        ),
+        clear=tuple(
+            (finish.name, finish.color[3])
             for finish in built.finishes.values()
-            if any(word in finish.name.lower() for word in PASSED)
+            if 0.0 < finish.color[3] < 1.0 and not is_glass_name(finish.name)
         ),
         licence=source.licence or licence_note(source.path),
         seconds=seconds,

@@ -65,6 +65,8 @@ class Material:
             has precedence over `texture`.
         repeat: texture coordinates outside 0..1 repeat the picture.
         opacity: where the surface has holes; None: nowhere.
+        meant: the map says of the thing itself, not only of its material, how clear it is, so that
+            even no opacity at all is meant; else a solid thing is opaque then.
     """
 
     name: str
@@ -73,6 +75,7 @@ class Material:
     image: bytes | None = field(default=None, repr=False)
     repeat: bool = True
     opacity: Opacity | None = None
+    meant: bool = False
 
 
 # ---- shapes ----------------------------------------------------------------------------------
@@ -341,6 +344,8 @@ class Scene:
     """In the order of the file; poses exactly as in the map, the builder finds the floor below.
     Tags are what clients are told: the map's Tag unless it is the class default, then the actor's
     name (worlds reference 3)."""
+    starts_made: bool = False
+    """The reader chose the starts, no map did: the builder turns each to the longest free way."""
     path_nodes: tuple[PathNode, ...] = ()
     victims: tuple[Victim, ...] = ()  # in the order of the file; victims are made by `map_victim`
     lights: tuple[Light, ...] = ()

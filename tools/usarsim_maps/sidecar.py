@@ -226,4 +226,4 @@ def _materials(path: Path, table: Table) -> Iterable[tuple[str, Material]]:
         opacity = entry.number("opacity", 1.0, low=0.0, high=1.0)
         entry.finish()
         picture = path.parent / texture if texture else None
-        yield name, Material(name, (*color, opacity), picture)
+        yield name, Material(name, (*color, opacity), picture, meant=entry.has("opacity"))

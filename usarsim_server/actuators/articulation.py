@@ -15,7 +15,7 @@ rotation.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from usarsim_server.actuators.effectors import Change, Effector, Holdings, create_effectors
 from usarsim_server.logs import Log
@@ -24,6 +24,7 @@ from usarsim_server.protocol.dialects import sends_results
 from usarsim_server.protocol.numbers import read_number
 from usarsim_server.protocol.requests import Act, Drive, LinkTarget, MisPkg, MultiDrive, Set
 from usarsim_server.protocol.values import Dialect, near
+from usarsim_server.robots.coupling import coupled_position, coupled_speed, farthest
 from usarsim_server.robots.description import ActuatorDescription, LinkDescription, RobotDescription
 from usarsim_server.robots.families.base import within
 from usarsim_server.robots.mounting import SetResult
@@ -72,6 +73,9 @@ def announced_link(
 
 
 _log = Log("robot")
+
+_PLAY = 1e-9
+"""rad or m by which limits may be passed."""
 
 RELATIVE = 10
 """Orders 10, 11, 12 are 0, 1, 2 relative to the present value (robots reference 1.6)."""
@@ -223,12 +227,16 @@ class Articulation:
             for link in actuator.links
             for name in (link.body, link.joint)
         }
-        self._followers = {
-            link.joint: link.follows.lower()
-            for actuator in robot.actuators
-            for link in actuator.links
-            if link.follows is not None
+        self._links = {
+            link.joint.lower(): link for actuator in robot.actuators for link in actuator.links
         }
+        self._bound = frozenset(
+            link.joint
+            for link in self._links.values()
+            if link.follows is not None or link.coupling is not None
+        )
+        """Joints that take no orders of their own."""
+        self._followers = self._leaders_first()
         self._told = tuple(
             link.joint for one in robot.actuators if not one.package for link in one.links
         )
@@ -296,14 +304,66 @@ class Articulation:
     def _command(self, orders: dict[str, JointOrder]) -> None:
         for name, (order, value) in orders.items():
             _tell_clamped(self._joints[name.lower()], order, value)
-        if self._followers:
-            free = {name.lower(): one for name, one in orders.items()}
-            orders = {name: one for name, one in orders.items() if name not in self._followers}
-            for follower, leader in self._followers.items():
-                if leader in free:
-                    orders[follower] = free[leader]
+        if self._bound:
+            orders = self._with_followers(orders)
         if orders:
             self._body.command_joints(orders)
+
+    def _leaders_first(self) -> tuple[LinkDescription, ...]:
+        """Links whose joints follow others, each behind the one that it follows."""
+        found: list[LinkDescription] = []
+        left = [link for link in self._links.values() if link.follows is not None]
+        while left:
+            behind = {link.joint.lower() for link in left}
+            found += [link for link in left if (link.follows or "").lower() not in behind]
+            left = [link for link in left if (link.follows or "").lower() in behind]
+            if len(left) == len(behind):
+                break  # a ring, which robot files cannot have
+        return tuple(found)
+
+    def _with_followers(self, orders: Mapping[str, JointOrder]) -> dict[str, JointOrder]:
+        """Orders of joints that take some, and what these mean for those that follow."""
+        found = {name: one for name, one in orders.items() if name not in self._bound}
+        led = {link.follows.lower() for link in self._followers if link.follows and link.coupling}
+        for name, (order, value) in found.items():
+            if order is Order.POSITION and name.lower() in led:
+                found[name] = JointOrder(order, self._within_reach(name, value))
+        given = {name.lower(): one for name, one in found.items()}
+        for link in self._followers:
+            assert link.follows is not None
+            leader = given.get(link.follows.lower())
+            if leader is not None:
+                found[link.joint] = given[link.joint.lower()] = self._follow(link, leader)
+        return found
+
+    def _follow(self, link: LinkDescription, leader: JointOrder) -> JointOrder:
+        """What an order to its leader means for a joint."""
+        if link.coupling is None or leader.order is Order.STIFFNESS:
+            return leader
+        if leader.order is Order.POSITION:
+            return JointOrder(Order.POSITION, coupled_position(link.coupling, leader.value))
+        # Rods carry it: it has no drive, and so holds nothing against them.
+        slope = coupled_speed(link.coupling, self._links[(link.follows or "").lower()].home, 1.0)
+        return JointOrder(leader.order, slope * leader.value)
+
+    def _within_reach(self, name: str, value: float) -> float:
+        """The position next to a wanted one in which all that is coupled is within its limits."""
+        leader = self._links[name.lower()]
+        low, high = leader.limits or (-math.inf, math.inf)
+
+        def allowed(place: float) -> bool:
+            places = {name.lower(): place}
+            for link in self._followers:
+                above = places.get((link.follows or "").lower())
+                if link.coupling is None or above is None:
+                    continue
+                here = places[link.joint.lower()] = coupled_position(link.coupling, above)
+                least, most = link.limits or (-math.inf, math.inf)
+                if not least - _PLAY <= here <= most + _PLAY:
+                    return False
+            return True
+
+        return farthest(min(max(value, low), high), leader.home, allowed)
 
     def _state(self, order: int) -> RobotBody | None:
         """The present state, but only if an order may need it: looking takes time."""

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.fields import field
 from usarsim_server.protocol.values import Dialect, Vector
+from usarsim_server.robots.coupling import Coefficients
 from usarsim_server.robots.keys import (
     CHANNELS,
     FASTEST,
@@ -209,6 +210,10 @@ class LinkDescription:
     follows: str | None = field(
         default=None, help="joint that this one is coupled to; it takes no orders of its own"
     )
+    coupling: Coefficients | None = None
+    """The position as a polynomial of that of the joint that it follows, by gears or rods and
+    without a drive of its own; where it follows none, the joint stays at the first coefficient.
+    None: it has a drive, which takes the orders of the joint that it follows, if any."""
 
     @property
     def mass(self) -> float:

@@ -7,6 +7,7 @@ import itertools
 import mujoco
 import numpy as np
 
+from usarsim_server.robots.coupling import moved
 from usarsim_server.robots.description import (
     EffectorDescription,
     JointType,
@@ -81,6 +82,7 @@ def build_spec(robot: RobotDescription) -> mujoco.MjSpec:
         _add_wheel(base if wheel.link is None else limbs[wheel.link], wheel)
         if wheel.driven:
             _add_servo(spec, wheel, robot.drive.servo_gain, robot.drive.wheel_torque)
+    _add_couplings(spec, robot)
     family = robot.family
     if family.anchored:
         base.gravcomp = 1.0  # its anchor has nothing to carry
@@ -118,6 +120,26 @@ def _add_limbs(
     return bodies
 
 
+def _add_couplings(spec: mujoco.MjSpec, robot: RobotDescription) -> None:
+    """Hold coupled joints where their leaders say; MuJoCo counts from the home positions."""
+    links = {link.joint.lower(): link for link in robot.links}
+    for link in robot.links:
+        if link.coupling is None:
+            continue
+        leader = None if link.follows is None else links[link.follows.lower()]
+        coefficients = moved(link.coupling, 0.0 if leader is None else leader.home, -link.home)
+        spec.add_equality(
+            name=f"{link.joint}:coupling",
+            type=mujoco.mjtEq.mjEQ_JOINT,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            name1=link.joint,
+            name2="" if leader is None else leader.joint,
+            data=np.append(coefficients, np.zeros(mujoco.mjNEQDATA - len(coefficients))),
+            solref=SERVO_SOLREF,
+            solimp=SERVO_SOLIMP,
+        )
+
+
 def _add_effector(body: mujoco.MjsBody, effector: EffectorDescription) -> None:
     body.pos, body.quat = effector.item.pose.position, effector.item.pose.quaternion
     for number, shape in enumerate(effector.shapes):
@@ -139,7 +161,7 @@ def _add_link(
         axis=link.axis,
         ref=link.home,
         armature=ARMATURE,
-        frictionloss=link.max_torque,
+        frictionloss=link.max_torque if link.coupling is None else 0.0,
         solref_friction=SERVO_SOLREF,
         solimp_friction=SERVO_SOLIMP,
     )

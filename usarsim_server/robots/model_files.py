@@ -2,7 +2,8 @@
 
 A robot file says `body = "nao.xml"`; `[joints]` gives what such files lack or say otherwise, and
 `[[package]]` makes mission packages of joints. MuJoCo reads the file, so whatever it can load will
-do; its masses, inertias, shapes and joints are taken over, everything else in it is left out.
+do; its masses, inertias, shapes, joints and couplings of joints are taken over, everything else in
+it is left out.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from usarsim_server.errors import RobotDescriptionError, at
 from usarsim_server.files import Folders, data_directory
 from usarsim_server.model_check import ALLOW_MODEL
 from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots.coupling import coupled_position, moved
 from usarsim_server.robots.description import (
     DEFAULT_TORQUE,
     ActuatorDescription,
@@ -36,7 +38,7 @@ from usarsim_server.robots.keys import (
     STRONGEST,
     Color,
 )
-from usarsim_server.robots.model_sources import load_model
+from usarsim_server.robots.model_sources import ModelFile, load_model
 from usarsim_server.robots.reading.limbs import DEFAULT_SPEED, read_limits
 from usarsim_server.simulation.frames import IDENTITY, Pose
 from usarsim_server.tables import Table, suggest
@@ -100,8 +102,8 @@ def read_body(
     refusal = folders.refusal(path, Path(reader.path))
     if refusal is not None:
         raise reader.error("body", refusal, ALLOW_MODEL)
-    model = load_model(path, folders)
-    base, nodes = _tree(model, path)
+    loaded = load_model(path, folders)
+    base, nodes = _tree(loaded, path)
     links = _drives(reader.table("joints"), nodes, dialect)
     return Body(tuple(base), _group(nodes, links, _packages(reader, links)))
 
@@ -129,12 +131,14 @@ class _Names:
         return plain
 
 
-def _tree(model: mujoco.MjModel, path: Path) -> tuple[list[Shape], list[_Node]]:
+def _tree(loaded: ModelFile, path: Path) -> tuple[list[Shape], list[_Node]]:
     """Chassis shapes and all links, parents first."""
+    model = loaded.model
     root = _root(model, path)
     names = _Names(path)
     base = _shapes(model, root, IDENTITY)
     nodes: dict[str, _Node] = {}
+    by_joint: dict[int, _Node] = {}
     # Where a body of the file is: on which link (None: chassis), and its pose there.
     places: dict[int, tuple[str | None, Pose]] = {root: (None, IDENTITY)}
     for body in range(root + 1, model.nbody):
@@ -143,11 +147,53 @@ def _tree(model: mujoco.MjModel, path: Path) -> tuple[list[Shape], list[_Node]]:
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         for joint in range(first, first + count):
             link, pose = _link(model, joint, pose, joint == first + count - 1, names, path)
-            nodes[link.body] = _Node(link, carrier)
+            speed = loaded.speeds.get(model.joint(joint).name, math.nan)
+            if not math.isnan(speed):
+                link = replace(link, max_speed=min(max(speed, SLOWEST), FASTEST))
+            by_joint[joint] = nodes[link.body] = _Node(link, carrier)
             carrier = link.body
         places[body] = (carrier, pose)
         (base if carrier is None else nodes[carrier].shapes).extend(_shapes(model, body, pose))
+    _couple(model, by_joint, path)
     return base, list(nodes.values())
+
+
+def _couple(model: mujoco.MjModel, nodes: Mapping[int, _Node], path: Path) -> None:
+    """Give links the couplings of their joints, which MuJoCo also makes of `<mimic>`.
+
+    Raises:
+        RobotDescriptionError: if a joint is coupled twice, or to itself by way of others.
+    """
+    leaders: dict[int, int] = {}
+    for number in range(model.neq):
+        if model.eq_type[number] != mujoco.mjtEq.mjEQ_JOINT or not model.eq_active0[number]:
+            continue
+        one, other = int(model.eq_obj1id[number]), int(model.eq_obj2id[number])
+        raw = model.joint(one).name
+        if one in leaders:
+            problem = f"the joint {raw!r} is coupled to two others"
+            raise RobotDescriptionError(at(path, problem, "couple it once"))
+        leaders[one] = other
+        follower, leader = nodes[one], nodes.get(other)
+        # MuJoCo counts from the reference positions of both joints.
+        reference = model.qpos0[model.jnt_qposadr[[one, other]]].tolist()
+        follower.link = replace(
+            follower.link,
+            follows=None if leader is None else leader.link.joint,
+            coupling=moved(
+                model.eq_data[number, :5].tolist(),
+                0.0 if leader is None else -reference[1],
+                reference[0],
+            ),
+        )
+    for joint in leaders:
+        seen, here = {joint}, leaders[joint]
+        while here in leaders:
+            if here in seen:
+                problem = f"the joint {model.joint(joint).name!r} is coupled to itself"
+                raise RobotDescriptionError(at(path, problem, "let one joint of the ring be free"))
+            seen.add(here)
+            here = leaders[here]
 
 
 def _root(model: mujoco.MjModel, path: Path) -> int:
@@ -297,7 +343,12 @@ def _drives(table: Table, nodes: Sequence[_Node], dialect: Dialect) -> dict[str,
         done[link.joint] = replace(
             link,
             limits=limits,
-            max_speed=own.number("max_speed", speed, low=SLOWEST, high=FASTEST),
+            max_speed=own.number(
+                "max_speed",
+                speed if math.isnan(link.max_speed) else link.max_speed,
+                low=SLOWEST,
+                high=FASTEST,
+            ),
             max_torque=own.number(
                 "max_torque",
                 torque if math.isnan(link.max_torque) else link.max_torque,
@@ -308,12 +359,31 @@ def _drives(table: Table, nodes: Sequence[_Node], dialect: Dialect) -> dict[str,
                 "damping", link.damping if damping < 0.0 else damping, low=0.0, high=STRONGEST
             ),
             home=own.number("home", min(max(0.0, low), high), low=low, high=high),
-            follows=own.text("follows", "") or None,
+            follows=own.text("follows", "") or link.follows,
+            coupling=None if own.has("follows") else link.coupling,
             shapes=(*link.shapes, *node.shapes),
         )
+        if done[link.joint].coupling is not None and own.has("home"):
+            raise own.error("home", "is that of a coupled joint", "give its leader a home")
         own.finish()
     table.finish()
-    return done
+    return _at_home(done)
+
+
+def _at_home(links: Mapping[str, LinkDescription]) -> dict[str, LinkDescription]:
+    """Links by joint, coupled ones at home where their leaders' homes put them."""
+    found = dict(links)
+    for joint, link in links.items():
+        chain, leader = [joint], link.follows
+        while found[chain[-1]].coupling is not None and leader is not None:
+            chain.append(leader)
+            leader = found[leader].follows
+        for name in reversed(chain):
+            one = found[name]
+            if one.coupling is not None:
+                above = 0.0 if one.follows is None else found[one.follows].home
+                found[name] = replace(one, home=coupled_position(one.coupling, above))
+    return found
 
 
 def _packages(reader: Table, links: Mapping[str, LinkDescription]) -> dict[str, str]:

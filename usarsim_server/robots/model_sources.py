@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -24,10 +27,21 @@ MOST_BODIES = 300
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _FIRST_ELEMENT = re.compile(r"<([A-Za-z_][\w.-]*)")
 _DISCARD = re.compile(r"\bdiscardvisual\s*=\s*(\"[^\"]*\"|'[^']*')")
+_TAG = re.compile(r"<(/?)(joint|limit)\b((?:[^<>\"']|\"[^\"]*\"|'[^']*')*+)>")
+_ATTRIBUTE = re.compile(r"\b(name|velocity)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
 _SCHEME = re.compile(r"(package|model|file)://*")
 
 
-def load_model(path: Path, folders: Folders) -> mujoco.MjModel:
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelFile:
+    """What is in a model file."""
+
+    model: mujoco.MjModel
+    speeds: Mapping[str, float]
+    """Largest speeds, rad/s or m/s, of the joints whose `<limit>` in a URDF file says one."""
+
+
+def load_model(path: Path, folders: Folders) -> ModelFile:
     """Read and compile a model file.
 
     A URDF file keeps its fixed links and its visual shapes, which MuJoCo would otherwise leave
@@ -43,12 +57,14 @@ def load_model(path: Path, folders: Folders) -> mujoco.MjModel:
             outside.
     """
     text = _text(path)
+    speeds: Mapping[str, float] = {}
     check_model(path, folders, RobotDescriptionError)
     try:
         if _is_urdf(text):
             spec = mujoco.MjSpec.from_string(_with_visuals(text))
             spec.modelfiledir = str(path.parent)
             spec.compiler.fusestatic = False
+            speeds = _speeds(text)
         else:
             spec = mujoco.MjSpec.from_file(str(path))
         _find_meshes(spec, path, folders)
@@ -61,7 +77,26 @@ def load_model(path: Path, folders: Folders) -> mujoco.MjModel:
     _refuse_nonsense(path, model)
     _refuse_too_many(path, model.nbody, MOST_BODIES, "bodies")
     _refuse_too_many(path, model.nmeshface, MOST_TRIANGLES, "triangles")
-    return model
+    return ModelFile(model, speeds)
+
+
+def _speeds(text: str) -> dict[str, float]:
+    """Speeds of the joints of a URDF file, which MuJoCo leaves out; 0 is how exporters say none."""
+    speeds: dict[str, float] = {}
+    joint = ""
+    for found in _TAG.finditer(_COMMENT.sub("", text)):
+        end, tag, inside = found.groups()
+        said = {key: one or other for key, one, other in _ATTRIBUTE.findall(inside)}
+        if tag == "joint":
+            joint = "" if end or inside.endswith("/") else said.get("name", "")
+        elif joint and not end:
+            try:
+                speed = float(said.get("velocity", "0"))
+            except ValueError:
+                continue
+            if 0.0 < speed < math.inf:
+                speeds[joint] = speed
+    return speeds
 
 
 def _text(path: Path) -> str:

@@ -404,7 +404,10 @@ def robot_model(description: RobotDescription) -> RobotModel:
         brake_delay=description.drive.parking_brake_delay,
         wheel_deceleration=description.drive.wheel_deceleration,
         joints=tuple(
-            JointModel(link.joint, link.max_speed, link.max_torque) for link in description.links
+            JointModel(
+                link.joint, link.max_speed, link.max_torque if link.coupling is None else 0.0
+            )
+            for link in description.links
         ),
         hands=tuple(effector.hand() for effector in effectors),
         tools=tuple(

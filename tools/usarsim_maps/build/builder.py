@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from usarsim_maps.build.cells import Point
+from usarsim_maps.build.clear import with_solids_shown
 from usarsim_maps.build.emitter import Emitter
 from usarsim_maps.build.extent import (
     LARGEST,
@@ -99,7 +100,7 @@ def build(
         bounds = with_starts(scene, measured, extents)
     lower, upper = bounds
     extent = float((upper - lower).max())
-    scene = within_reach(scene, bounds, findings)
+    scene = with_solids_shown(within_reach(scene, bounds, findings), findings)
     progress("materials", 0.0)
     names = NameBook("world", "daylight", "usarsim:shelf")
     used = list(

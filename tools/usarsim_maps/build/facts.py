@@ -5,7 +5,9 @@ A `Probe` says where floors are, what is blocked and how large it all is.
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -38,6 +40,23 @@ FLOOR_PROBES, LEAST_FLOOR = 24, 0.05
 
 HOVER = 0.25
 """m above the floor of start poses that the importer makes."""
+
+AHEAD, FARTHEST_AHEAD = 2.0, 10.0
+"""m of free way that a start which is made has ahead, and beyond which a longer one is no better.
+"""
+
+HEADINGS = 16
+"""Directions that are tried for a start which is made."""
+
+TRACK, ROBOT_HEIGHTS = 0.35, (0.1, 0.3, 0.6)
+"""m: half the width of a free way, and heights above the floor at which nothing is in it."""
+
+STRIDE, LEVEL = 0.25, 0.05
+"""m between places of a way below which a floor is looked for, and by which it may rise or fall
+from one to the next."""
+
+CANDIDATES = 60
+"""Free places that are looked at for a start with a free way."""
 
 STANDING_ROOM, SITTING_ROOM = 1.8, 1.0
 """m of headroom that a person needs to stand and to sit."""
@@ -134,6 +153,8 @@ def start_entries(
     entries: list[Entry] = []
     checks: list[StartCheck] = []
     inside = list(scene.starts)
+    if scene.starts_made:
+        inside = [replace(start, pose=facing_ahead(probe, start.pose)) for start in inside]
     if not inside:
         inside = [_default_start(probe, bounds)]
         findings.warn(
@@ -166,8 +187,89 @@ def start_entries(
     return entries, checks
 
 
+def facing_ahead(probe: Probe, pose: Pose) -> Pose:
+    """A pose above a floor, turned to where the longest free way is, see `free_way`."""
+    yaw, _ = free_way(probe, pose.position)
+    return Pose(pose.position, quaternion_from_rpy(0.0, 0.0, yaw))
+
+
+def free_way(probe: Probe, position: Vector) -> tuple[float, float]:
+    """The yaw (rad) in which a robot can go farthest from a place above a floor, and m how far.
+
+    Nothing is in its way at the height of robots, and the floor goes on, level or nearly. Of equal
+    ways the one nearest to +x counts, to the left before to the right. Ways of more than
+    `FARTHEST_AHEAD` are equal.
+    """
+    x, y, z = position
+    floor = z - probe.height(position)
+    if not math.isfinite(floor):
+        return 0.0, 0.0
+    turns = sorted(range(HEADINGS), key=lambda n: (min(n, HEADINGS - n), n))
+    yaws = [math.tau * n / HEADINGS for n in turns]
+    ways = np.array([[math.cos(yaw), math.sin(yaw), 0.0] for yaw in yaws])
+    room = np.full(HEADINGS, FARTHEST_AHEAD)
+    for height in ROBOT_HEIGHTS:
+        place = np.array([x, y, floor + height])
+        room = np.minimum(room, probe.ways(place, ways, FARTHEST_AHEAD))
+    best, longest = 0.0, 0.0
+    for number in sorted(range(HEADINGS), key=lambda n: (-room[n], n)):
+        if room[number] <= longest:
+            break
+        ahead = _room_beside(probe, (x, y, floor), ways[number], float(room[number]))
+        ahead = _floor_ahead(probe, (x, y, floor), ways[number], ahead)
+        if ahead > longest + 1e-6:
+            best, longest = yaws[number], ahead
+    return best, longest
+
+
+def _room_beside(probe: Probe, foot: Vector, way: Array, room: float) -> float:
+    """m along a way (3,) from a place on a floor to where a robot as wide as a track is stopped."""
+    x, y, floor = foot
+    ahead = (float(way[0]), float(way[1]), 0.0)
+    for side in (-TRACK, TRACK):
+        for height in ROBOT_HEIGHTS:
+            place = (x - side * ahead[1], y + side * ahead[0], floor + height)
+            room = min(room, probe.way(place, ahead))
+    return room
+
+
+def _floor_ahead(probe: Probe, foot: Vector, way: Array, room: float) -> float:
+    """m along a level way (3,) from a place on a floor to where the floor ends or is not level."""
+    x, y, floor = foot
+    for step in range(1, math.floor(room / STRIDE + 1e-9) + 1):
+        here = (x + step * STRIDE * float(way[0]), y + step * STRIDE * float(way[1]))
+        height = floor + STRIDE - probe.height((*here, floor + STRIDE))
+        if not abs(height - floor) <= LEVEL:
+            return (step - 1) * STRIDE
+        floor = height
+    return room
+
+
 def _default_start(probe: Probe, bounds: tuple[Array, Array]) -> StartPose:
-    """A free place on a floor, as near as possible to the middle of the map."""
+    """A free place on a floor, as near as possible to the middle of the map, with a way ahead.
+
+    Of the first `CANDIDATES` free places it is the first with `AHEAD` m of free way, else the one
+    with the longest.
+    """
+    low, high = bounds
+    middle = (low + high) / 2.0
+    best, longest = Pose((float(middle[0]), float(middle[1]), float(high[2]) + HOVER)), -1.0
+    for from_top in (False, True):
+        top = float(high[2]) + 0.5 if from_top else float(middle[2])
+        free = _free_places(probe, bounds, top)
+        for place in itertools.islice(free, CANDIDATES):
+            yaw, way = free_way(probe, place)
+            if way > longest:
+                best, longest = Pose(place, quaternion_from_rpy(0.0, 0.0, yaw)), way
+            if way >= AHEAD:
+                return StartPose("Start", best)
+        if longest >= 0.0:
+            break
+    return StartPose("Start", best)
+
+
+def _free_places(probe: Probe, bounds: tuple[Array, Array], top: float) -> Iterator[Vector]:
+    """Places for a start above floors that are below a height, from the middle outwards."""
     low, high = bounds
     middle = (low + high) / 2.0
     step = max(0.5, float((high - low)[:2].max()) / 40.0)
@@ -175,20 +277,16 @@ def _default_start(probe: Probe, bounds: tuple[Array, Array]) -> StartPose:
         ((x * step, y * step) for x in range(-20, 21) for y in range(-20, 21)),
         key=lambda o: (math.hypot(*o), o),
     )
-    for from_top in (False, True):
-        top = float(high[2]) + 0.5 if from_top else float(middle[2])
-        for x, y in offsets:
-            point = (float(middle[0]) + x, float(middle[1]) + y, top)
-            if not _within(point, bounds, slack=1.0):
-                continue
-            height = probe.height(point)
-            if not math.isfinite(height) or height > float(high[2] - low[2]) + 2.0:
-                continue
-            place = (point[0], point[1], point[2] - height + HOVER + 0.15)
-            if probe.overlap(place, 0.35) == 0.0:
-                return StartPose("Start", Pose((place[0], place[1], point[2] - height + HOVER)))
-    x, y, z = (float(middle[0]), float(middle[1]), float(high[2]) + HOVER)
-    return StartPose("Start", Pose((x, y, z)))
+    for x, y in offsets:
+        point = (float(middle[0]) + x, float(middle[1]) + y, top)
+        if not _within(point, bounds, slack=1.0):
+            continue
+        height = probe.height(point)
+        if not math.isfinite(height) or height > float(high[2] - low[2]) + 2.0:
+            continue
+        place = (point[0], point[1], top - height + HOVER)
+        if probe.overlap((place[0], place[1], place[2] + 0.15), 0.35) == 0.0:
+            yield place
 
 
 def _within(point: Vector, bounds: tuple[Array, Array], slack: float = OUTSIDE) -> bool:
@@ -303,6 +401,19 @@ class Probe:
         ray = np.array(start), np.array(direction)
         way = mujoco.mj_ray(self._rays, self._data, *ray, None, 1, -1, geom, None)
         return float(way) if geom[0] >= 0 else math.inf
+
+    def ways(self, start: Array, directions: Array, reach: float) -> Array:
+        """m from a place (3,) along unit vectors (n, 3) to the next solid surface.
+
+        Infinity where there is none within reach (m).
+        """
+        count = len(directions)
+        geoms, ways = np.zeros(count, dtype=np.int32), np.zeros(count)
+        mujoco.mj_multiRay(
+            self._rays, self._data, start, directions.ravel(), None, 1, -1, geoms, ways, None,
+            count, reach,
+        )  # fmt: skip
+        return np.where(geoms >= 0, ways, np.inf)
 
     def height(self, point: Vector) -> float:
         """m from a point down to the floor; inf if there is none."""

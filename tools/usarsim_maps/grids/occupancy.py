@@ -113,6 +113,7 @@ class OccupancyReader(Reader):
                 grid.title,
                 units_per_metre=1.0 / grid.size,
                 assumed=grid.assumed,
+                stated=not grid.assumed and context.options.scale is None,
                 whole_map=True,
                 files=grid.files,
             ),
@@ -122,6 +123,7 @@ class OccupancyReader(Reader):
             ),
             materials={WALL.name: WALL, FLOOR.name: FLOOR},
             starts=tuple(_starts(grid)),
+            starts_made=True,
         )
         return reflect(scene) if context.options.mirror else scene
 

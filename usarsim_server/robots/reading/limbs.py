@@ -80,11 +80,16 @@ def read_effectors(
 
 
 def _check_leaders(reader: Table, actuators: Sequence[ActuatorDescription]) -> None:
-    """Refuse joints that follow what does not exist, or follows itself."""
+    """Refuse joints that follow what does not exist, or follows itself.
+
+    Of those with a coupling, which may be in a chain, the model file has seen to the latter.
+    """
     links = [link for actuator in actuators for link in actuator.links]
     free = [link.joint for link in links if link.follows is None]
+    known = [link.joint.lower() for link in links]
     for link in links:
-        if link.follows is not None and link.follows.lower() not in map(str.lower, free):
+        leaders = list(map(str.lower, free)) if link.coupling is None else known
+        if link.follows is not None and link.follows.lower() not in leaders:
             problem = f"the joint {link.joint!r} follows {link.follows!r}, which is not free"
             raise reader.error("follows", problem, suggest(link.follows, free))
 

@@ -134,7 +134,12 @@ def is_glass(model: mujoco.MjModel, geom: int) -> bool:
     material = int(model.geom_matid[geom])
     if material < 0:
         return False
-    words = words_of(model.mat(material).name)
+    return is_glass_name(model.mat(material).name)
+
+
+def is_glass_name(material: str) -> bool:
+    """Whether infrared light goes through a material of this name, see `is_glass`."""
+    words = words_of(material)
     return any(word in WORDS or (word.endswith(ENDS) and word not in OPAQUE) for word in words)
 
 
