@@ -266,7 +266,7 @@ class TestBadFiles:
         [
             (world("<model name='m'>"), "line "),
             (world(model("m", BOX))[:200], "line "),
-            ("<robot/>", "<robot> is no Gazebo world"),
+            ("<house/>", "<house> is no Gazebo world"),
             ("<!DOCTYPE a [<!ENTITY b 'c'>]>" + world(""), "entities"),
             (world(""), "no geometry"),
         ],

@@ -16,7 +16,7 @@ from typing import TypeAlias
 from urllib.parse import unquote
 
 from usarsim_maps.files import MAX_INDEXED
-from usarsim_maps.meshes.xml_text import read_xml
+from usarsim_maps.meshes.xml_text import Node, read_xml
 from usarsim_maps.reader import Context
 from usarsim_server.errors import MapImportError
 from usarsim_server.files import is_regular, read_regular
@@ -36,9 +36,24 @@ VARIABLES = (
 MAX_BESIDE = 5_000
 """Folders that are looked at below the world's own, which may be somebody's home."""
 
+MODELS = (".sdf", ".urdf")
+"""Files of models, those with precedence first."""
+
+BUILTIN = ("sun", "ground_plane")
+"""Models that Gazebo brings along."""
+
 _FUEL = re.compile(
-    r"^https?://[^/]+/.*?models/([^/]+)(?:/(?:tip|\d+))?(?:/files)?(?:/(.*))?$", re.I
+    r"^(?:https?|fuel)://[^?#]*?(?:([^/?#]+)/)?(?:fuel/)?models/([^/?#]+)"
+    r"(?:/(tip|\d+))?(?:/files)?(?:/([^?#]*))?(?:[?#].*)?$",
+    re.I,
 )
+"""Addresses of models: owner, name, version, path in the model."""
+
+_DATABASE = re.compile(r"^https?://models\.gazebosim\.org/([^/?#]+)(?:/([^?#]*))?$", re.I)
+"""Addresses of the models of old versions of Gazebo."""
+
+_BLANK = re.compile(r"[\s_+-]+")
+"""Between the words of a model's name, which programs write in different ways."""
 
 MAX_FOLDERS = 100_000
 
@@ -102,7 +117,7 @@ def holds_model(place: Path) -> bool:
     if is_regular(place):
         return True
     inside = entries(newest_version(place))
-    return any(path.name == "model.config" or path.suffix == ".sdf" for path in inside)
+    return any(path.name == "model.config" or path.suffix in MODELS for path in inside)
 
 
 class FolderTree:
@@ -218,26 +233,65 @@ def _package(manifest: Path) -> str:
 
 def model_name(uri: str) -> str:
     """The name of the model that a URI of an include means."""
-    name, rest = _split(uri)
-    if name:
-        return name
-    last = rest.rstrip("/").rpartition("/")
-    return last[0].rpartition("/")[2] if last[2].lower().endswith((".sdf", ".config")) else last[2]
+    address = address_of(uri)
+    if address.name:
+        return address.name
+    last = address.path.rstrip("/").rpartition("/")
+    is_file = last[2].lower().endswith((".sdf", ".config", ".urdf"))
+    return last[0].rpartition("/")[2] if is_file else last[2]
 
 
-def _split(uri: str) -> tuple[str, str]:
-    """Model or package, empty if there is none, and the path in it."""
+def builtin_name(name: str) -> str:
+    """The name of a model as those of `BUILTIN` are written: `Ground Plane` is `ground_plane`."""
+    return _BLANK.sub("_", name.strip().lower())
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """The parts of a URI."""
+
+    name: str  # of a model or package; empty if the URI is a path
+    path: str  # in the model, or the whole
+    owner: str = ""  # of the model on a server
+    version: str = ""
+
+    def ways(self) -> Iterator[list[str]]:
+        """Paths that may lead there, the most exact first."""
+        rest = [part for part in self.path.split("/") if part not in ("", ".")]
+        if not self.name:
+            yield rest
+            return
+        owned = [[self.owner, "models"], []] if self.owner else [[]]
+        versions = [[self.version], []] if self.version.isdigit() else [[]]
+        for name in _spellings(self.name):
+            for owner in owned:
+                for version in versions:
+                    yield [*owner, name, *version, *rest]
+
+
+def _spellings(name: str) -> list[str]:
+    """A model's name as programs write it: with blanks, underscores or dashes, or in one word."""
+    words = [word for word in _BLANK.split(name) if word]
+    return list(dict.fromkeys([name, *(sign.join(words) for sign in (" ", "_", "-", ""))]))
+
+
+def address_of(uri: str) -> Address:
+    """The parts of a URI, with `%20` and the like undone."""
     uri = unquote(uri.strip()).replace("\\", "/").replace("\0", "")[:1000]
     fuel = _FUEL.match(uri)
     if fuel is not None:
-        return fuel[1], fuel[2] or ""
+        owner, name, version, path = (part or "" for part in fuel.groups())
+        return Address(name.strip(), path, owner, version)
+    database = _DATABASE.match(uri)
+    if database is not None:
+        return Address(database[1], database[2] or "")
     scheme, _, rest = uri.partition("://")
     if scheme.lower() in ("model", "package") and rest:
         name, _, path = rest.strip("/").partition("/")
-        return name, path
+        return Address(name.strip(), path)
     if scheme.lower() == "file" and rest:
-        return "", rest
-    return "", uri
+        return Address("", rest)
+    return Address("", uri)
 
 
 def gazebo_folders() -> Iterator[Path]:
@@ -280,7 +334,7 @@ class GazeboFiles:
         return None if place is None else self.sdf(place)
 
     def sdf(self, place: Path) -> Path | None:
-        """The SDF file of a model: the newest one of its `model.config`, or any."""
+        """The SDF or URDF file of a model: the newest one of its `model.config`, or any."""
         if is_regular(place):
             return place
         place = newest_version(place)
@@ -291,14 +345,16 @@ class GazeboFiles:
             except MapImportError as error:
                 self.context.findings.warn(place.name, str(error))
             else:
-                named = sorted(root.all("sdf"), key=lambda node: _version(node.get("version")))
-                for node in reversed(named):
+                named = [*root.all("sdf"), *root.all("urdf")]
+                for node in sorted(named, key=_newest, reverse=True):
                     found = walk(place, [node.text])
                     if found is not None and is_regular(found):
                         return self.keep(found, manifest)
         found = walk(place, ["model.sdf"])
         if found is None:
-            found = next((path for path in entries(place) if path.suffix == ".sdf"), None)
+            inside = entries(place)
+            files = [path for suffix in MODELS for path in inside if path.suffix == suffix]
+            found = next(iter(files), None)
         return self.keep(found, self.source)
 
     def keep(self, found: Path | None, asker: Path) -> Path | None:
@@ -321,21 +377,23 @@ class GazeboFiles:
         return found
 
     def _search(self, uri: str, asker: Path, wanted: Kind) -> Path | None:
-        name, path = _split(uri)
-        parts = [part for part in f"{name}/{path}".split("/") if part not in ("", ".")]
-        if not parts or (name and ".." in parts):
-            return None
+        address = address_of(uri)
         outside: Path | None = None
-        for found in self._usual(parts, asker, "" if name else path):
-            if not wanted(found):
-                continue
-            if self.context.confined().admit(found):
-                return found
-            outside = outside or found
+        ways = [way for way in address.ways() if way]
+        if not ways or (address.name and ".." in ways[0]):
+            return None
+        for way in ways:
+            for found in self._usual(way, asker, "" if address.name else address.path):
+                if not wanted(found):
+                    continue
+                if self.context.confined().admit(found):
+                    return found
+                outside = outside or found
         for tree in self._below():
-            found_below = tree.find(parts, asker, wanted, exact=bool(name))
-            if found_below is not None and self.context.confined().admit(found_below):
-                return found_below
+            for way in ways:
+                found_below = tree.find(way, asker, wanted, exact=bool(address.name))
+                if found_below is not None and self.context.confined().admit(found_below):
+                    return found_below
         return self.keep(outside, asker)
 
     def _usual(self, parts: list[str], asker: Path, path: str) -> Iterator[Path]:
@@ -362,6 +420,11 @@ class GazeboFiles:
             assets, here = self.context.options.assets, self.source.parent
             self._trees = [FolderTree(assets), FolderTree((here,), MAX_BESIDE)]
         yield from self._trees
+
+
+def _newest(node: Node) -> tuple[bool, tuple[int, ...]]:
+    """Order of the files that a model has: SDF after URDF, then by version."""
+    return node.tag == "sdf", _version(node.get("version"))
 
 
 def _version(text: str) -> tuple[int, ...]:

@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from usarsim_maps.files import read_text
+from usarsim_maps.gazebo.elements import LIGHT, MATERIAL, Elements
 from usarsim_maps.gazebo.files import GazeboFiles
-from usarsim_maps.gazebo.models import flag
+from usarsim_maps.gazebo.frames import flag
 from usarsim_maps.meshes.mesh_files import PICTURES, Pictures
 from usarsim_maps.meshes.xml_text import Document, Node
-from usarsim_maps.scene import Array, Color, Light, LightKind, Material
+from usarsim_maps.scene import NEUTRAL, Array, Color, Light, LightKind, Material, Mesh, Shape
 from usarsim_server.errors import MapImportError
 from usarsim_server.files import is_regular
 
@@ -82,6 +83,7 @@ def light_of(document: Document, node: Node, matrix: Array, unit: float) -> Ligh
 
     Suns cast no shadows: over a large map the grain of the shadows would show.
     """
+    Elements(document.findings).count(node, LIGHT, node.get("name"))
     kinds = {"directional": LightKind.DIRECTIONAL, "spot": LightKind.SPOT}
     kind = kinds.get(node.get("type"), LightKind.POINT)
     diffuse = document.vector_or(node.child("diffuse"), np.ones(3), 3, 4)[:3]
@@ -96,6 +98,8 @@ def light_of(document: Document, node: Node, matrix: Array, unit: float) -> Ligh
     reach = document.number(node.child("attenuation", "range")) or 0.0
     cone = document.number(node.child("spot", "outer_angle"))
     intensity = document.number(node.child("intensity"))
+    if not flag(node.word("light_on"), True):
+        intensity = 0.0
     return Light(
         name=node.get("name") or "light",
         kind=kind,
@@ -140,19 +144,30 @@ class Looks:
     materials: dict[str, Material] = field(default_factory=dict)  # by the names that parts use
     _scripts: dict[Path, dict[str, tuple[Color, str]]] = field(default_factory=dict)
 
-    def of_visual(self, document: Document, visual: Node) -> str | None:
-        """Name of the material of a `visual`; None if it has none of its own."""
+    def of_visual(self, document: Document, visual: Node) -> tuple[str | None, float]:
+        """Name of a visual's own material, None if it has none, and its opacity from 0 to 1."""
         node = visual.child("material")
         shown = 1.0 - min(1.0, max(0.0, document.number(visual.child("transparency")) or 0.0))
         material = None if node is None else self._material(document, node)
-        if material is None:
-            return None
-        if shown < 1.0:
-            r, g, b, a = material.color
-            material = replace(
-                material, name=f"{material.name}-{shown:.2f}", color=(r, g, b, a * shown)
-            )
-        return self.add(material)
+        return None if material is None else self.add(material), shown
+
+    def by_slot(self, shape: Shape, material: str | None, opacity: float) -> dict[int, str]:
+        """Materials of a visual by slot of its shape: its own one covers all slots of a mesh.
+
+        Opacity below 1 takes from that of each material; what has none is neutral grey.
+        """
+        own = shape.materials if isinstance(shape, Mesh) else ()
+        names = [material if material is not None else name for name in own or ("",)]
+        if opacity < 1.0:
+            return {slot: self._clear(name or "", opacity) for slot, name in enumerate(names)}
+        return {} if material is None else dict.fromkeys(range(len(names)), material)
+
+    def _clear(self, name: str, opacity: float) -> str:
+        """A material as clear as a visual makes it."""
+        plain = self.materials.get(name, Material("neutral", NEUTRAL))
+        r, g, b, a = plain.color
+        label = f"{plain.name}-{opacity:.2f}"
+        return self.add(replace(plain, name=label, color=(r, g, b, a * opacity)))
 
     def add(self, material: Material, stem: str = "") -> str:
         """Enter a material; where its name is taken it gets another one, with the stem behind."""
@@ -167,6 +182,7 @@ class Looks:
         return name
 
     def _material(self, document: Document, node: Node) -> Material | None:
+        Elements(self.files.context.findings).count(node, MATERIAL)
         picture = node.word("pbr", "metal", "albedo_map") or node.word(
             "pbr", "specular", "albedo_map"
         )

@@ -1,4 +1,4 @@
-"""Reads Gazebo worlds and models: `.world`, `.sdf`, `model.config` (worlds reference 8).
+"""Reads Gazebo worlds and models: `.world`, `.sdf`, `model.config`, `.urdf` (worlds reference 8).
 
 Also their height maps: a grey picture whose brightest point is as high as the size says.
 """
@@ -14,11 +14,14 @@ import numpy as np
 
 from usarsim_maps.files import open_picture
 from usarsim_maps.findings import Findings
+from usarsim_maps.gazebo.elements import HEIGHTMAP, ROOT, TABLES, Elements
 from usarsim_maps.gazebo.files import GazeboFiles, gazebo_folders
+from usarsim_maps.gazebo.frames import Item, matrix_from
 from usarsim_maps.gazebo.looks import Looks, dimmed, light_of, sun
-from usarsim_maps.gazebo.models import Body, Link, Models, matrix_from, sound_matrix
+from usarsim_maps.gazebo.models import Body, Link, Models, is_start
 from usarsim_maps.gazebo.places import commented_starts, find_placement, starts_of, victim_of
 from usarsim_maps.gazebo.shapes import PLACEHOLDER, Shapes
+from usarsim_maps.gazebo.urdf import model_of, xacro_refusal
 from usarsim_maps.meshes.mesh_files import Pictures
 from usarsim_maps.meshes.xml_text import Document, Node, read_xml
 from usarsim_maps.reader import Context, Reader, register
@@ -39,12 +42,6 @@ from usarsim_server.worlds.description import StartPose, Victim
 
 MAX_BYTES = 256 << 20
 EARTH = 9.8
-IGNORED = {
-    "audio", "atmosphere", "frame", "gravity", "gui", "include", "joint", "light", "magnetic_field",
-    "model", "physics", "plugin", "scene", "spherical_coordinates", "state", "wind",
-}  # fmt: skip
-"""Elements of a world that are read elsewhere, or that change nothing here."""
-
 LARGEST = 1025
 """Rows and columns; larger pictures are reduced."""
 
@@ -62,6 +59,7 @@ class Terrain:
         for owner in (*link.node.all("collision"), *link.node.all("visual")):
             node = owner.child("geometry", "heightmap")
             if node is not None:
+                Elements(link.document.findings).count(node, HEIGHTMAP, name)
                 placed = matrix @ matrix_from(link.document, owner.child("pose"), self.unit)
                 field = self._field(link.document, node, placed, name)
                 return [] if field is None else [field]
@@ -127,13 +125,16 @@ class SdfReader(Reader):
     """Worlds and single models."""
 
     title = "Gazebo SDF"
-    extensions = (".world", ".sdf", ".config")
+    extensions = (".world", ".sdf", ".config", ".urdf", ".xacro")
     meshes = False
-    head = re.compile(rb"<(sdf|gazebo)[\s>]")
+    head = re.compile(rb"<(sdf|gazebo|robot)[\s>]")
+    support = TABLES
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`; an error names the line (item 73)."""
         document = read_xml(source, limit=MAX_BYTES, findings=context.findings)
+        if source.suffix.lower() == ".xacro":
+            raise xacro_refusal(document, document.root)
         folders = context.confined().with_more(gazebo_folders())
         context = replace(context, folders=folders)
         files = GazeboFiles(source, context)
@@ -143,9 +144,11 @@ class SdfReader(Reader):
                 problem = "the model's SDF file is missing"
                 raise document.error(document.root, problem, "keep the files of a model together")
             document = read_xml(found, limit=MAX_BYTES, findings=context.findings)
+        if document.root.tag == "robot":
+            document = model_of(document, context.findings)
         if document.root.tag not in ("sdf", "gazebo"):
             problem = f"a file of <{document.root.tag}> is no Gazebo world"
-            raise document.error(document.root, problem, "give a .world or .sdf file")
+            raise document.error(document.root, problem, "give a .world, .sdf or .urdf file")
         scene = _World(source, document, files, context).scene()
         return reflect(scene) if context.options.mirror else scene
 
@@ -177,8 +180,8 @@ class _World:
         """Everything in the file."""
         world = self._document.root.child("world")
         owner = self._document.root if world is None else world
-        saved = self._saved(owner)
-        bodies = self._models.world(self._document, owner, saved)
+        self._root_elements(world)
+        bodies = self._models.world(self._document, owner)
         for number, body in enumerate(bodies):
             if number % 50 == 0:
                 self._context.progress("models", number / len(bodies))
@@ -206,15 +209,15 @@ class _World:
             lights=tuple(dimmed(self._lights)),
         )
 
-    def _saved(self, world: Node) -> dict[str, Array]:
-        """Poses of the latest saved state, which replace those of the models."""
-        poses: dict[str, Array] = {}
-        for state in world.all("state"):
-            for model in state.all("model"):
-                pose = sound_matrix(self._document, model.child("pose"), self._unit)
-                if pose is not None and model.get("name"):
-                    poses[model.get("name")] = pose
-        return poses
+    def _root_elements(self, world: Node | None) -> None:
+        """Count what stands beside the world, or the models, and is left out."""
+        elements = Elements(self._findings)
+        if world is not None:
+            for child in self._document.root.children:
+                if child.tag in ("world", "model", "light") and child is not world:
+                    elements.leave(child.tag, child.get("name"))
+                elif not is_start(child):
+                    elements.count_child(child, ROOT)
 
     # ---- models ----------------------------------------------------------------------------
 
@@ -230,18 +233,14 @@ class _World:
         masses, friction = [], None
         for link in body.links:
             local = back @ link.matrix
-            for part in self._shapes.parts(link.document, link.node, link.scope):
+            for part in self._shapes.parts(link, body.name):
                 parts.append(replace(part, matrix=local @ part.matrix))
             masses.append(self._shapes.mass(link.document, link.node))
             if friction is None:
                 friction = self._shapes.friction(link.document, link.node)
             self._heightfields += self._terrain.fields(link, self._root @ link.matrix, body.name)
             for light in link.node.all("light"):
-                place = link.scope.place(light, link.node.get("name"))
-                frame = link.matrix @ np.linalg.inv(link.scope.matrix(link.node.get("name")))
-                self._lights.append(
-                    light_of(link.document, light, self._root @ frame @ place, self._unit)
-                )
+                self._link_light(link, light, body.name)
         if not parts:
             return
         known = [mass for mass in masses if mass is not None]
@@ -257,12 +256,21 @@ class _World:
             )
         )
 
+    def _link_light(self, link: Link, node: Node, body: str) -> None:
+        item = Item(node, link.document, link.item.home)
+        place = link.scope.place(item, link.item.name)
+        frame = link.matrix @ np.linalg.inv(link.scope.place(link.item))
+        name = "::".join((body, link.item.name, node.get("name")))
+        matrix = self._models.light(name, frame @ place)
+        if matrix is not None:
+            self._lights.append(light_of(link.document, node, self._root @ matrix, self._unit))
+
     def _victim(self, body: Body) -> None:
         """A person: the server's own figure stands where the model's is."""
         assert body.person is not None
         parts = []
         for link in body.links:
-            for part in self._shapes.parts(link.document, link.node, link.scope):
+            for part in self._shapes.parts(link, body.name):
                 if part.visible:
                     parts.append(replace(part, matrix=self._root @ link.matrix @ part.matrix))
         self._victims.append(victim_of(body.name, body.person, self._root @ body.matrix, parts))
@@ -290,13 +298,10 @@ class _World:
         gravity = owner.child("gravity") or owner.child("physics", "gravity")
         values = self._document.vector(gravity, 3)
         if gravity is not None and values is not None and abs(float(values[2]) + EARTH) > 0.1:
+            self._findings.skip("gravity")
             self._findings.warn(
                 "gravity", f"{gravity.text} m/s^2 is not kept; the server's is 9.81 downwards"
             )
-        if owner is not self._document.root:
-            for child in owner.children:
-                if child.tag not in IGNORED:
-                    self._findings.skip(child.tag)
 
     def _places(self) -> tuple[list[StartPose], list[Victim]]:
         """Start poses and victims: of the world, else of a text file beside it."""

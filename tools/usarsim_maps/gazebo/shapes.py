@@ -1,6 +1,6 @@
 """Visuals and collisions of an SDF link as parts (worlds reference 8 and 9.4).
 
-Shapes that are none of the scene's own, ellipsoids, cones and prisms, become meshes.
+Shapes that are none of the scene's own, ellipsoids, cones and polylines, become meshes.
 """
 
 from __future__ import annotations
@@ -12,10 +12,25 @@ from pathlib import Path
 
 import numpy as np
 
+from usarsim_maps.gazebo.elements import (
+    COLLISION,
+    CONTACT,
+    FRICTION,
+    GEOMETRY,
+    INERTIAL,
+    LINK,
+    MESH,
+    SURFACE,
+    VISUAL,
+    Elements,
+)
 from usarsim_maps.gazebo.files import GazeboFiles
+from usarsim_maps.gazebo.frames import frame_of, matrix_from
 from usarsim_maps.gazebo.looks import Looks
-from usarsim_maps.gazebo.models import Scope, matrix_from
-from usarsim_maps.meshes.polygons import half_circle, lathe, merge_meshes, triangulate_one
+from usarsim_maps.gazebo.models import Link
+from usarsim_maps.gazebo.polylines import Outline, extruded
+from usarsim_maps.geometry import points_of
+from usarsim_maps.meshes.polygons import half_circle, lathe, merge_meshes
 from usarsim_maps.meshes.xml_text import Document, Node
 from usarsim_maps.reader import ImportOptions, mesh_extensions, read_scene
 from usarsim_maps.scene import (
@@ -67,35 +82,17 @@ def cone_mesh(radius: float, length: float) -> Mesh:
     return replace(cone, hulls=(cone.vertices,))
 
 
-def prism_mesh(outline: Array, height: float) -> Mesh:
-    """A polygon (n, 2) in the ground plane, extruded upwards."""
-    count = len(outline)
-    area = float(np.cross(
-        np.column_stack([outline, np.zeros(count)]),
-        np.column_stack([np.roll(outline, -1, axis=0), np.zeros(count)]),
-    )[:, 2].sum())  # fmt: skip
-    if area < 0.0:
-        outline = outline[::-1]
-    low = np.column_stack([outline, np.zeros(count)])
-    high = np.column_stack([outline, np.full(count, height)])
-    top = triangulate_one(high)
-    faces = [(a + count, b + count, c + count) for a, b, c in top]
-    faces += [(c, b, a) for a, b, c in top]
-    for k in range(count):
-        after = (k + 1) % count
-        faces += [(k, after, after + count), (k, after + count, k + count)]
-    points = np.concatenate([low, high])
-    return Mesh("polyline", points, np.array(faces, dtype=np.int32).reshape(-1, 3))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Piece:
     """A visual or a collision."""
 
     key: tuple[object, ...]
     shape: Shape
-    matrix: Array
-    collision: Collision
+    matrix: Array  # (4, 4) in the frame of the link
+    collision: Collision  # how it is felt
+    material: str | None = None  # name of a visual's own material
+    opacity: float = 1.0  # of a visual
+    stands_in: bool = False  # for a mesh that cannot be had
 
 
 @dataclass(slots=True)
@@ -105,25 +102,35 @@ class Shapes:
     files: GazeboFiles  # finds meshes
     looks: Looks  # takes materials
     unit: float  # metres per unit of the world
+    _elements: Elements = field(init=False)
     _scenes: dict[Path, Scene | None] = field(default_factory=dict)
     _meshes: dict[tuple[Path, str, bool], Mesh | None] = field(default_factory=dict)
 
-    def parts(self, document: Document, link: Node, scope: Scope) -> Iterator[Part]:
-        """Parts of a link in its frame; what is seen and felt in the same shape is one part."""
-        seen: list[tuple[_Piece, str | None]] = []
-        for visual in link.all("visual"):
-            piece = self._piece(document, visual, scope)
-            if piece is not None:
-                seen.append((piece, self.looks.of_visual(document, visual)))
-        felt = []
-        for collision in link.all("collision"):
-            mask = collision.word("surface", "contact", "collide_bitmask").lower()
-            if mask in ("0", "0x0", "0x00"):
-                continue
-            piece = self._piece(document, collision, scope)
-            if piece is not None:
-                felt.append(piece)
-        for piece, material in seen:
+    def __post_init__(self) -> None:
+        """Count what is left out in the findings of the import."""
+        self._elements = Elements(self.files.context.findings)
+
+    def parts(self, link: Link, name: str) -> Iterator[Part]:
+        """Parts of a link in its frame; what is seen and felt in the same shape is one part.
+
+        Where visuals cannot be had the shapes of the collisions are seen, and where collisions
+        cannot be had the shapes of the visuals are felt; a warning about `name` tells it.
+        """
+        self._elements.count(link.node, LINK, link.node.get("name"))
+        seen, lost_looks = self._pieces(link, "visual")
+        felt, lost_solids = self._pieces(link, "collision")
+        looks = self._uncovered(felt, seen) if lost_looks else []
+        solids = self._uncovered(seen, felt) if lost_solids else []
+        if looks:
+            self._warn(name, "a visual cannot be had; the shape of its collision is seen instead")
+            # What is lost may still say how it looked.
+            material, opacity = self.looks.of_visual(link.document, lost_looks[0])
+            seen = [piece for piece in seen if not piece.stands_in]
+            seen += [replace(piece, material=material, opacity=opacity) for piece in looks]
+        if solids:
+            self._warn(name, "a collision cannot be had; the shape of its visual is felt instead")
+            felt = [piece for piece in felt if not piece.stands_in] + solids
+        for piece in seen:
             twin = next((other for other in felt if _same(piece, other)), None)
             if twin is not None:
                 felt.remove(twin)
@@ -131,10 +138,64 @@ class Shapes:
                 piece.shape,
                 piece.matrix,
                 collision=Collision.NONE if twin is None else twin.collision,
-                materials=_materials(piece.shape, material),
+                materials=self.looks.by_slot(piece.shape, piece.material, piece.opacity),
             )
         for piece in felt:
             yield Part(piece.shape, piece.matrix, visible=False, collision=piece.collision)
+
+    def _pieces(self, link: Link, tag: str) -> tuple[list[_Piece], list[Node]]:
+        """Visuals or collisions of a link, and those elements whose shape cannot be had."""
+        pieces, lost = [], []
+        for node in link.node.all(tag):
+            if tag == "visual":
+                self._elements.count(node, VISUAL, node.get("name"))
+            elif not self._is_felt(node):
+                continue
+            piece = self._piece(link, node)
+            if piece is None or piece.stands_in:
+                geometry = node.child("geometry")
+                kinds = [] if geometry is None else [child.tag for child in geometry.children]
+                lost += [node] if kinds and kinds[0] not in ("empty", "heightmap") else []
+            if piece is not None and tag == "visual":
+                material, opacity = self.looks.of_visual(link.document, node)
+                piece = replace(piece, material=material, opacity=opacity)
+            pieces += [] if piece is None else [piece]
+        return pieces, lost
+
+    def _is_felt(self, collision: Node) -> bool:
+        """Whether a collision collides; what else it says is counted."""
+        name = collision.get("name")
+        self._elements.count(collision, COLLISION, name)
+        for path, table in (
+            (("surface",), SURFACE),
+            (("surface", "friction"), FRICTION),
+            (("surface", "contact"), CONTACT),
+        ):
+            node = collision.child(*path)
+            if node is not None:
+                self._elements.count(node, table, name)
+        mask = collision.word("surface", "contact", "collide_bitmask").lower()
+        return mask not in ("0", "0x0", "0x00")
+
+    def _uncovered(self, pieces: list[_Piece], others: list[_Piece]) -> list[_Piece]:
+        """Pieces where no other one is: the middle of neither lies in the other's box."""
+        there = [_box(other) for other in others if not other.stands_in]
+        found = []
+        for piece in pieces:
+            if piece.stands_in:
+                continue
+            low, high = _box(piece)
+            middle = (low + high) / 2.0
+            covered = any(
+                bool(((middle >= a) & (middle <= b)).all())
+                or bool((((a + b) / 2.0 >= low) & ((a + b) / 2.0 <= high)).all())
+                for a, b in there
+            )
+            found += [] if covered else [piece]
+        return found
+
+    def _warn(self, name: str, text: str) -> None:
+        self.files.context.findings.warn(name, text)
 
     def friction(self, document: Document, link: Node) -> float | None:
         """Sliding friction of the first collision that has one."""
@@ -146,53 +207,62 @@ class Shapes:
 
     def mass(self, document: Document, link: Node) -> float | None:
         """kg; None if the link does not say."""
+        inertial = link.child("inertial")
+        if inertial is not None:
+            self._elements.count(inertial, INERTIAL, link.get("name"))
         value = document.number(link.child("inertial", "mass"))
         return value if value is not None and value > 0.0 else None
 
     # ---- geometries ------------------------------------------------------------------------
 
-    def _piece(self, document: Document, node: Node, scope: Scope) -> _Piece | None:
-        geometry = node.child("geometry")
+    def _piece(self, link: Link, node: Node) -> _Piece | None:
+        """The shape of a visual or collision; None if there is none, or it cannot be had."""
+        document, geometry = link.document, node.child("geometry")
         if geometry is None or not geometry.children:
             return None
+        self._elements.count(geometry, GEOMETRY, node.get("name"))
         kind = geometry.children[0]
-        matrix = self._place(document, node, scope)
-        collision = Collision.AUTO
-        shape: Shape | None
+        for more in geometry.children[1:]:
+            if kind.tag != "polyline" or more.tag != "polyline":
+                self._elements.leave(f"geometry {more.tag}", node.get("name"))
+        place = self._place(link, node)
+        matrix = affine(place[:3, :3], place[:3, 3] * link.scale)
         if kind.tag == "mesh":
-            shape = self._mesh(document, kind)
-            if shape is None:
+            self._elements.count(kind, MESH, node.get("name"))
+            mesh = self._mesh(document, kind)
+            if mesh is None:
                 if not self.files.context.options.placeholders:
                     return None
-                shape = PLACEHOLDER
-            else:
-                matrix = matrix @ affine(np.diag(self._scale(document, kind)) * self.unit)
-                collision = {
-                    "convex_hull": Collision.HULL,
-                    "convex_decomposition": Collision.HULLS,
-                }.get(kind.get("optimization"), Collision.AUTO)
-        else:
-            shape = self._primitive(document, kind)
-            if isinstance(shape, Plane):
-                matrix = matrix @ self._tilt(document, kind)
+                return _Piece(_key(geometry), PLACEHOLDER, matrix, Collision.AUTO, stands_in=True)
+            scale = self._scale(document, kind) * self.unit * link.scale
+            collision = {
+                "convex_hull": Collision.HULL,
+                "convex_decomposition": Collision.HULLS,
+            }.get(kind.get("optimization"), Collision.AUTO)
+            return _Piece(_key(geometry), mesh, matrix @ affine(np.diag(scale)), collision)
+        shape = self._primitive(document, kind, geometry)
         if shape is None:
             return None
-        return _Piece(_key(kind), shape, matrix, collision)
+        if isinstance(shape, Plane):
+            matrix = matrix @ self._tilt(document, kind)
+        elif isinstance(shape, Mesh):
+            matrix = matrix @ affine(np.diag(link.scale))
+        else:
+            shape = _sized(shape, np.abs(link.scale))
+        return _Piece(_key(geometry), shape, matrix, Collision.AUTO)
 
-    def _place(self, document: Document, node: Node, scope: Scope) -> Array:
+    def _place(self, link: Link, node: Node) -> Array:
         """Pose of a visual or collision in its link."""
         pose = node.child("pose")
-        if pose is None:
-            return np.eye(4)
-        reference = pose.get("relative_to")
-        matrix = matrix_from(document, pose, self.unit)
-        if not reference:
+        matrix = matrix_from(link.document, pose, self.unit)
+        reference = frame_of(pose)
+        if not reference or reference == link.item.name:
             return matrix
-        link = scope.matrix(next((n.get("name") for n in scope.owner.all("link")
-                                  if node in n.children), ""))  # fmt: skip
-        return np.asarray(np.linalg.inv(link) @ scope.matrix(reference) @ matrix)
+        home = link.item.home
+        own = np.linalg.inv(link.scope.place(link.item))
+        return np.asarray(own @ link.scope.matrix(reference, home) @ matrix)
 
-    def _primitive(self, document: Document, kind: Node) -> Shape | None:
+    def _primitive(self, document: Document, kind: Node, geometry: Node) -> Shape | None:
         """A shape; None, and a finding, if its size makes no sense."""
         sizes = self._lengths(document, kind)
         match kind.tag, sizes:
@@ -213,11 +283,7 @@ class Shapes:
                 x, y = (100.0, 100.0) if size is None else np.abs(size * self.unit).tolist()
                 return Plane((x, y))
             case "polyline", _:
-                return self._polyline(document, kind)
-            case "empty" | "heightmap", _:
-                return None
-        if kind.tag not in SIZES:
-            self.files.context.findings.skip(f"geometry {kind.tag}")
+                return self._polylines(document, geometry)
         return None
 
     def _lengths(self, document: Document, kind: Node) -> list[float]:
@@ -245,15 +311,19 @@ class Shapes:
         x = x / np.linalg.norm(x)
         return affine(np.column_stack([x, np.cross(z, x), z]))
 
-    def _polyline(self, document: Document, kind: Node) -> Mesh | None:
-        """A prism over the points that make sense."""
-        points = [found for node in kind.all("point")
-                  if (found := document.vector(node, 2)) is not None]  # fmt: skip
-        if len(points) < 3:
-            return None
-        height = document.number(kind.child("height"))
-        high = max(1e-6, abs(1.0 if height is None else height)) * self.unit
-        return prism_mesh(np.array(points) * self.unit, high)
+    def _polylines(self, document: Document, geometry: Node) -> Mesh | None:
+        """Prisms over the points that make sense, with holes where outlines lie in others."""
+        outlines = []
+        for kind in geometry.all("polyline"):
+            points = [found for node in kind.all("point")
+                      if (found := document.vector(node, 2)) is not None]  # fmt: skip
+            if len(points) < 3:
+                document.note(kind, "a polyline without three points was left out")
+                continue
+            height = document.number(kind.child("height"))
+            high = max(1e-6, abs(1.0 if height is None else height)) * self.unit
+            outlines.append(Outline(np.array(points) * self.unit, high))
+        return extruded(outlines)
 
     # ---- meshes ----------------------------------------------------------------------------
 
@@ -359,9 +429,24 @@ def _same(one: _Piece, other: _Piece) -> bool:
     return one.key == other.key and bool(np.abs(one.matrix - other.matrix).max() < 1e-6)
 
 
-def _materials(shape: Shape, material: str | None) -> dict[int, str]:
-    """A material of the visual covers all slots of a mesh."""
-    if material is None:
-        return {}
-    count = max(1, len(shape.materials)) if isinstance(shape, Mesh) else 1
-    return dict.fromkeys(range(count), material)
+def _box(piece: _Piece) -> tuple[Array, Array]:
+    """Lower and upper corner in the frame of the link; endless for a plane."""
+    points = points_of(Part(piece.shape, piece.matrix))
+    if not len(points):
+        return np.full(3, -np.inf), np.full(3, np.inf)
+    return points.min(axis=0), points.max(axis=0)
+
+
+def _sized(shape: Shape, scale: Array) -> Shape:
+    """A shape other than a mesh or plane as Gazebo scales it: round ones stay round."""
+    x, y, z = scale.tolist()
+    match shape:
+        case Box(size):
+            return Box((size[0] * x, size[1] * y, size[2] * z))
+        case Sphere(radius):
+            return Sphere(radius * max(x, y, z))
+        case Cylinder(radius, length):
+            return Cylinder(radius * max(x, y), length * z)
+        case Capsule(radius, length):
+            return Capsule(radius * max(x, y), length * z)
+    return shape
