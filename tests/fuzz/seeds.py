@@ -242,7 +242,37 @@ def sdf() -> list[bytes]:
     odd = model("box", BOX.replace("1 2 3", "1,5 2/2 nan")).replace(
         "<link", "<pose>1 2 3 0 0 -3.14/2 7</pose><link"
     )
-    return [sdf_world(text + heap + PLUGIN).encode() for text in (model("box", BOX), odd)]
+    outline = "".join(f"<point>{x} {y}</point>" for x, y in ((0, 0), (1, 0), (0, 1)))
+    newer = (
+        '<frame name="f" attached_to="box::link"><pose relative_to="box">1 0 0</pose></frame>'
+        f'<population name="p">{model("c", BOX)}<pose>0 0 0</pose><box><size>4 4 1</size></box>'
+        "<model_count>3</model_count><distribution><type>uniform</type><rows>2</rows><cols>2</cols>"
+        "<step>1 1 1</step></distribution></population>"
+        f"{model('ring', f'<visual><geometry><polyline>{outline}</polyline></geometry></visual>')}"
+        '<state><model name="box"><pose>1 2 3 0 0 0</pose><scale>1 2 3</scale><link name="link">'
+        "<pose>3 2 1 0 0 0</pose></link></model><deletions><name>ring</name></deletions></state>"
+        '<joint name="j" type="fixed"><parent>box</parent><child>f</child></joint>'
+        '<include merge="true"><uri>map.world</uri></include>'
+    )
+    texts = (model("box", BOX) + heap, odd + heap, model("box", BOX, static=False) + newer)
+    return [sdf_world(text + PLUGIN).encode() for text in texts]
+
+
+def urdf() -> list[bytes]:
+    """A robot of two links with colours, a mesh that is missing and what Gazebo adds."""
+    shape = '<origin xyz="0 0 1" rpy="0 0 1"/><geometry>{}</geometry>'
+    box, mesh = '<box size="1 2 3"/>', '<mesh filename="package://a/b.stl" scale="1 1 2"/>'
+    return [
+        (
+            '<robot name="r"><material name="red"><color rgba="1 0 0 1"/></material>'
+            '<link name="a"><inertial><mass value="2"/></inertial>'
+            f'<visual>{shape.format(box)}<material name="red"/></visual>'
+            f"<collision>{shape.format(box)}</collision></link>"
+            f'<link name="b"><visual>{shape.format(mesh)}</visual></link>'
+            '<joint name="j" type="fixed"><parent link="a"/><child link="b"/></joint>'
+            '<gazebo reference="a"><material>Gazebo/Red</material><mu1>0.5</mu1></gazebo></robot>'
+        ).encode()
+    ]
 
 
 def collada() -> list[bytes]:
