@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from services_harness import Client, LoopClock, OnLoop
@@ -97,8 +98,8 @@ class ImageClient(Client):
 
     def reply(self) -> tuple[int, bytes]:
         """Type byte and payload of the next reply."""
-        header = self._exactly(5)
-        return header[0], self._exactly(int.from_bytes(header[1:]))
+        header = self.exactly(5)
+        return header[0], self.exactly(int.from_bytes(header[1:]))
 
     def value(self, size: tuple[int, int] = (GRID.width, GRID.height)) -> int:
         """The one value of all pixels of the next reply, which must be raw and of this size."""
@@ -110,7 +111,8 @@ class ImageClient(Client):
         assert len(values) == 1, "a picture of two frames, or out of step"
         return values.pop()
 
-    def _exactly(self, count: int) -> bytes:
+    def exactly(self, count: int) -> bytes:
+        """The next bytes."""
         data = bytearray()
         while len(data) < count:
             chunk = self.socket.recv(min(count - len(data), 1 << 16))
@@ -134,6 +136,8 @@ class RunningImages(OnLoop):
         bound: Callable[[str], Region | None] | None = None,
         stopped_clock: bool = False,
     ) -> None:
+        if stopped_clock:
+            limits = replace(limits or ImageLimits(), type_lead=0.0)
         self.source = source
         self.encoder = Encoder(image_type, codec)
         self.service = ImageService(

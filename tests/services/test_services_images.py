@@ -131,20 +131,30 @@ def test_each_request_gets_the_newest_picture(images) -> None:
     assert client.value() == 250
 
 
-def test_pictures_leave_in_one_piece(images, monkeypatch) -> None:
-    """Header and payload are handed to TCP together (side channels reference 10, no. 4)."""
+@pytest.mark.parametrize(
+    ("data", "lengths"),
+    [
+        pytest.param(b"OK" + TILE_REQUEST, [9 + 128 * 96 * 3, 9 + 64 * 48 * 3], id="pictures"),
+        pytest.param(b"OKOK", [9 + 128 * 96 * 3] * 2, id="a picture that is encoded already"),
+        pytest.param(rectangle(500, 0, 9, 9), [9], id="a rectangle outside"),
+    ],
+)
+def test_type_byte_leaves_by_itself(images, monkeypatch, data: bytes, lengths: list[int]) -> None:
+    """The type byte is sent 0.5 ms before the rest: UT2004's client waits for it alone."""
     running = images()
     sent: list[int] = []
+    times: list[float] = []
     sendall = running.loop.sock_sendall
 
-    async def counted(client: socket.socket, data: memoryview) -> None:
-        sent.append(len(data))
-        await sendall(client, data)
+    async def noted(client: socket.socket, part: memoryview) -> None:
+        times.append(running.loop.time())
+        sent.append(len(part))
+        await sendall(client, part)
 
-    monkeypatch.setattr(running.loop, "sock_sendall", counted)
-    client = running.connect()
-    replies_to(client, b"OK" + TILE_REQUEST, 2)
-    assert sent == [9 + 128 * 96 * 3, 9 + 64 * 48 * 3]
+    monkeypatch.setattr(running.loop, "sock_sendall", noted)
+    replies_to(running.connect(), data, len(lengths))
+    assert sent == [part for length in lengths for part in (1, length - 1)]
+    assert all(rest - led > 0.2e-3 for led, rest in zip(times[::2], times[1::2], strict=True))
 
 
 def test_requests_every_ten_milliseconds_are_all_answered(images) -> None:
@@ -298,12 +308,13 @@ def test_loop_does_not_wait_for_the_encoder(images) -> None:
     running = images(FakeSource(), NORMAL, held)
     waiting, outside = running.connect(), running.connect()
     waiting.send(b"OK")
+    assert waiting.exactly(1) == b"\3"
     for _ in range(20):
         outside.send(rectangle(999, 0, 1, 1))
         assert outside.reply() == (3, b"")
     assert waiting.silent_for(0.01)
     go_on.set()
-    assert waiting.reply()[0] == 3
+    waiting.exactly(int.from_bytes(waiting.exactly(4)))
 
 
 def test_defect_in_the_encoder_ends_one_client_only(images, caplog) -> None:
