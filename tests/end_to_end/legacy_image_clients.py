@@ -39,6 +39,15 @@ class ImageProgram(Closing):
         """Hang up."""
         self.socket.close()
 
+    def _exactly(self, count: int) -> bytes:
+        """The next bytes. `MSG_WAITALL` would end early: a socket with a time-out never blocks."""
+        data = b""
+        while len(data) < count:
+            chunk = self.socket.recv(count - len(data))
+            assert chunk, "the server closed the connection"
+            data += chunk
+        return data
+
 
 class SampleClient(ImageProgram):
     """The ROS image node: looks whether what it has is exactly one JPEG reply; asks again then."""
@@ -144,12 +153,6 @@ class Poaret(ImageProgram):
         assert kind > 0, "raw pictures are not read here"
         return decoded(payload)
 
-    def _exactly(self, count: int) -> bytes:
-        data = b""
-        while len(data) < count:
-            data += self.socket.recv(count - len(data))
-        return data
-
 
 class ButtonClient(ImageProgram):
     """The onomasticon: reads once what has arrived a moment after its button was pressed.
@@ -160,9 +163,8 @@ class ButtonClient(ImageProgram):
     def press(self) -> Pixels:
         """Ask and show."""
         self.socket.sendall(b"OK\r\n")
-        header = self.socket.recv(5, socket.MSG_PEEK | socket.MSG_WAITALL)
-        length = 5 + int.from_bytes(header[1:5])
-        return decoded(self.socket.recv(length, socket.MSG_WAITALL)[5:])
+        header = self._exactly(5)
+        return decoded(self._exactly(int.from_bytes(header[1:5])))
 
 
 class ImageTester(ImageProgram):
@@ -190,7 +192,7 @@ class ImageTester(ImageProgram):
             self.socket.settimeout(PATIENCE)
 
     def _skip(self) -> int:
-        header = self.socket.recv(5, socket.MSG_WAITALL)
+        header = self._exactly(5)
         left = length = struct.unpack(">xI", header)[0]
         while left:
             data = self.socket.recv(min(left, 65536))
@@ -204,10 +206,24 @@ class SimpleUi(ImageProgram):
 
     def picture(self) -> Pixels:
         """The next picture."""
-        header = self.socket.recv(5, socket.MSG_WAITALL)
+        header = self._exactly(5)
         payload = b""
         while len(payload) < int.from_bytes(header[1:5]):
             payload += self.socket.recv(65536)
         assert 1 <= header[0] <= 5
         self.socket.sendall(b"OK")
         return decoded(payload)
+
+
+class BytewiseClient(ImageProgram):
+    """A client of UT2004: a receive of exactly one byte is the start of a picture."""
+
+    def pictures_seen(self, count: int) -> int:
+        """How many of so many pictures begin with a receive of one byte."""
+        seen = 0
+        for _ in range(count):
+            self.socket.sendall(b"OK")
+            seen += len(begun := self.socket.recv(65536)) == 1
+            header = begun + self._exactly(max(0, 5 - len(begun)))
+            self._exactly(5 + int.from_bytes(header[1:5]) - len(header))
+        return seen

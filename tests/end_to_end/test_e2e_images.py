@@ -15,6 +15,7 @@ import pytest
 from legacy_image_clients import (
     ArDrone,
     ButtonClient,
+    BytewiseClient,
     ImageTester,
     LcmProxy,
     Pixels,
@@ -174,6 +175,11 @@ class TestClients:
         with ImageTester(server.ports["images"], text, 0.01) as client:
             assert len(client.lengths(30)) == 30
             assert client.quiet_for(0.3)
+
+    def test_client_that_waits_for_one_byte(self, server: ServerProcess) -> None:
+        """The type byte comes alone, unless the client was not run for the moment after it."""
+        with BytewiseClient(server.ports["images"]) as client:
+            assert client.pictures_seen(20) > 10
 
     def test_client_of_the_manual(self, server: ServerProcess) -> None:
         """The ten lines of docs/cameras.md."""
