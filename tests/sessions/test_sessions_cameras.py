@@ -10,6 +10,7 @@ import pytest
 
 from usarsim_server.cameras.board import CameraBoard
 from usarsim_server.cameras.view import Grid, Region
+from usarsim_server.logs import ROOT
 from usarsim_server.protocol.commands import interpret
 from usarsim_server.protocol.grammar import parse_line
 from usarsim_server.protocol.requests import Set
@@ -362,7 +363,9 @@ def test_view_of_an_address_is_bound() -> None:
     [
         ("SET {Type Camera} {Robot me} {Name Camera} {Client 10.0.0.7}", True),
         ("SET {Type Camera} {Robot you} {Name Camera} {Client 10.0.0.7}", False),
-        ("SET {Type Camera} {Robot me} {Name Rear} {Client 10.0.0.7}", False),
+        ("SET {Type Camera} {Robot me} {Name Rear} {Client 10.0.0.7}", True),
+        ("SET {Type Camera} {Robot me} {Client 10.0.0.7}", True),
+        ("SET {Type Camera} {Robot you} {Name Rear} {Client 10.0.0.7}", False),
         ("SET {Type Camera} {Robot me} {Name Camera} {Client somewhere}", False),
         ("SET {Type Camera} {Robot me} {Name Camera}", None),
         ("SET {Type Camera} {Name Camera} {Opcode Zoom} {Params 1} {Client 10.0.0.7}", None),
@@ -374,6 +377,15 @@ def test_what_can_be_bound(text: str, done: bool | None) -> None:
     stage = Stage(robot("P2AT"))
     assert bind_view(stage.board, request(text)) is done
     assert (stage.board.bound("10.0.0.7") is not None) is bool(done)
+
+
+def test_any_name_is_the_only_camera(caplog) -> None:
+    """A robot's one camera is bound by any name, with a log line; of two the name decides."""
+    caplog.set_level("INFO", ROOT)
+    attach = "SET {Type Camera} {Robot me} {Name RobotCamera} {Client 10.0.0.7}"
+    assert bind_view(Stage(robot("Sedan")).board, request(attach))
+    assert "RobotCamera" in caplog.text
+    assert not bind_view(Stage(robot("StereoP2AT")).board, request(attach))
 
 
 def test_a_robot_that_has_left_is_no_error() -> None:

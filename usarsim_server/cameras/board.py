@@ -125,12 +125,23 @@ class CameraBoard:
             return self._view(key) if key in self._cameras else None
 
     def find(self, name: str, owner: str = "") -> CameraView | None:
-        """A camera by its name and the label of its robot, in any case; None if there is none."""
-        wanted = (name.strip().lower(), name_key(owner))
+        """A camera by its name and the label of its robot, in any case; None if there is none.
+
+        The only camera of a robot is found by any name: a client's ini names the Sedan's camera
+        `Camera`, and its program says `RobotCamera`.
+        """
+        wanted, owner_key = name.strip().lower(), name_key(owner)
         with self._lock:
-            for key, one in self._cameras.items():
-                if (one.name.lower(), name_key(one.owner)) == wanted:
+            own = {
+                key: one.name.lower()
+                for key, one in self._cameras.items()
+                if name_key(one.owner) == owner_key
+            }
+            for key, camera in own.items():
+                if camera == wanted:
                     return self._view(key)
+            if owner and len(own) == 1:
+                return self._view(next(iter(own)))
         return None
 
     # -- viewports ---------------------------------------------------------------------------

@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Sequence
 
 from usarsim_server.cameras.board import CameraBoard
+from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.dialects import FACETS, sends_results
 from usarsim_server.protocol.messages import CameraItem, SensorMount
@@ -24,6 +25,8 @@ from usarsim_server.robots.description import CameraDescription, RobotDescriptio
 from usarsim_server.robots.mounting import carried
 from usarsim_server.simulation.frames import wire_from_pose
 from usarsim_server.simulation.snapshot import RobotBody
+
+_log = Log("cameras")
 
 CAMERA = "Camera"
 """Type on the wire."""
@@ -203,7 +206,8 @@ def bind_view(board: CameraBoard, request: Set) -> bool | None:
     """Obey `SET {Type Camera} {Robot r} {Name c} {Client address}`, which any connection may send.
 
     From then on the client of the picture port at that address sees this camera; without Robot it
-    sees everything again. The original had no loopback addresses here; they are as good as others.
+    sees everything again. Any name means the only camera of a robot that has one. The original had
+    no loopback addresses here; they are as good as others.
 
     Returns:
         Whether there are such a camera and such an address; None if this is another request.
@@ -221,10 +225,14 @@ def bind_view(board: CameraBoard, request: Set) -> bool | None:
     if not robot:
         board.bind(address, None)
         return True
-    camera = board.find(request.name or "", robot)
-    if camera is not None:
-        board.bind(address, camera.key)
-    return camera is not None
+    name = request.name or ""
+    camera = board.find(name, robot)
+    if camera is None:
+        return False
+    if camera.name.lower() != name.strip().lower():
+        _log.info(f"no camera {name!r}: the robot's only one is taken", camera=camera.name)
+    board.bind(address, camera.key)
+    return True
 
 
 def _in_whole_degrees(angle: float) -> float:
