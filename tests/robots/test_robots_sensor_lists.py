@@ -246,6 +246,33 @@ def test_what_a_recording_of_p2dx_has() -> None:
         assert kinds == {"CameraPanTilt"}
 
 
+def test_airrobot_has_the_sensors_of_its_dialect() -> None:
+    """AirRobot: GroundTruth and GPS for clients of ut2004, all of its sensors for those of udk."""
+    with Rehearsal(world="empty", max_robots=1) as stage:
+        client = stage.connect()
+        client.send("INIT {ClassName AirRobot} {Dialect ut2004} {Location 0,0,-1} {Name R1}")
+        stage.run(1.0)
+
+        def kinds() -> set[str]:
+            client.take()
+            stage.run(1.0)
+            return set(re.findall(r"\{Type (\w+)\}", "\n".join(client.take("SEN"))))
+
+        assert kinds() == {"GroundTruth", "GPS"}
+        for question in ("GETGEO {Type Sonar}", "GETCONF {Type RangeScanner} {Name Scanner1}"):
+            client.send(question)
+            stage.run(0.1)
+            assert not [line for line in client.take() if line[:4] in ("GEO ", "CONF")], question
+        client.send("GETGEO {Type GPS}")
+        stage.run(0.1)
+        assert client.take("GEO")
+    with Rehearsal(world="empty", max_robots=1) as stage:
+        client = stage.connect()
+        client.send("INIT {ClassName AirRobot} {Dialect udk} {Location 0,0,-1} {Name R1}")
+        stage.run(1.0)
+        assert kinds() == {kind for kind, _ in listed("AirRobot")}
+
+
 def test_the_drone_says_what_its_client_reads() -> None:
     """ARDrone: Accel with Acceleration and Orientation, one sonar called Sonar1 that looks down,
     ground truth; lines below the 400 bytes of the client; Viewports accepted (addendum)."""

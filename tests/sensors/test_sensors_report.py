@@ -259,7 +259,7 @@ def test_names_of_the_other_dialect_are_understood(name: str) -> None:
     assert conf_line(encoders, "Encoder", name, UT2004) == (
         "CONF {Type Encoder} {Name ECRight} {Resolution 0.0174}"
     )
-    assert find_sensors(encoders, "encoder", name) == encoders[1:]
+    assert find_sensors(encoders, "encoder", name, Dialect.UDK) == encoders[1:]
 
 
 @pytest.mark.parametrize("kind", sensor_types())

@@ -13,6 +13,7 @@ from life_fakes import Stage, person, wall
 from sensor_fakes import UDK, UT2004, FakeRobot, numbers
 
 from usarsim_server.protocol.messages import result
+from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.mounting import SetReply, SetResult
 from usarsim_server.sensors.report import find_sensors, sen_lines
 from usarsim_server.worlds.description import RfidTag
@@ -225,16 +226,16 @@ def test_clients_may_call_the_reader_by_its_usual_names(asked: str) -> None:
     """Appendix B: SET says RFID or RFIDReader whatever the item is called."""
     stage = Stage()
     reader = stage.make("RFIDReader", "Front")
-    assert find_sensors([reader], "RFID", asked) == [reader]
-    assert find_sensors([reader], "RFID", "Rear") == []
+    assert find_sensors([reader], "RFID", asked, Dialect.UDK) == [reader]
+    assert find_sensors([reader], "RFID", "Rear", Dialect.UDK) == []
 
 
 def test_true_names_have_precedence_over_usual_ones() -> None:
     """With two readers, the one that bears the name is meant."""
     stage = Stage()
     front, rear = stage.make("RFID", "RFID"), stage.make("RFID", "Rear")
-    assert find_sensors([front, rear], "RFID", "RFID") == [front]
-    assert find_sensors([front, rear], "RFID", "RFIDReader") == [front, rear]
+    assert find_sensors([front, rear], "RFID", "RFID", Dialect.UDK) == [front]
+    assert find_sensors([front, rear], "RFID", "RFIDReader", Dialect.UDK) == [front, rear]
 
 
 # ---- dropping -----------------------------------------------------------------------------

@@ -26,6 +26,7 @@ from sensor_fakes import (
 )
 
 from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.report import conf_line, find_sensors, sen_lines
 from usarsim_server.sensors.scanners import beam_count
@@ -383,8 +384,8 @@ def test_requests_may_spell_either_name(kind: str) -> None:
     """Player asks for RangeScanner3d whatever the lines of the scanner say."""
     sensor = make(kind, "S")
     for asked in ("RangeScanner3d", "3DRangeScanner", "3drangescanner"):
-        assert find_sensors([sensor], asked, "S") == [sensor]
-    assert find_sensors([sensor], "RangeScanner", "S") == []
+        assert find_sensors([sensor], asked, "S", Dialect.UDK) == [sensor]
+    assert find_sensors([sensor], "RangeScanner", "S", Dialect.UDK) == []
 
 
 def test_large_scans_print_two_digits() -> None:

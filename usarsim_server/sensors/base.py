@@ -97,6 +97,9 @@ class Sensor(DeclaredItem, ABC):
     own_interval: float | None = field(
         default=None, key="interval", low=0.0, unit="s", help="between reports; 0: on SCAN only"
     )
+    era: Dialect | None = field(
+        default=None, key="dialect", help="the only one whose clients know it; without: both"
+    )
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         """Read the item.
@@ -167,8 +170,18 @@ class Sensor(DeclaredItem, ABC):
         return self.name
 
     def interval(self, dialect: Dialect) -> float:
-        """Reporting interval in simulated seconds."""
+        """Reporting interval in simulated seconds; 0 for clients of another era than its own."""
+        if not self.known_in(dialect):
+            return 0.0
         return self.intervals[dialect] if self.own_interval is None else self.own_interval
+
+    def known_in(self, dialect: Dialect) -> bool:
+        """Whether clients of a dialect know the sensor.
+
+        A class of both generations had other items in each: AirRobot's sonars would end a client of
+        the other one.
+        """
+        return self.era is None or self.era is dialect
 
     def item(self, dialect: Dialect) -> Item:
         """The last reading as an item of a SEN line."""

@@ -64,7 +64,7 @@ def geo_line(
     Poses are those of the mount: relative to the body, whatever the robot's pose in the world, or
     relative to the link that carries the sensor.
     """
-    found = find_sensors(sensors, wire_type, name)
+    found = find_sensors(sensors, wire_type, name, dialect)
     if not found:
         return None
     mounts = []
@@ -79,23 +79,27 @@ def conf_line(
     sensors: Sequence[Sensor], wire_type: str, name: str | None, dialect: Dialect
 ) -> str | None:
     """The answer to GETCONF: all sensors of a type, or the named one; None if there is none."""
-    found = find_sensors(sensors, wire_type, name)
+    found = find_sensors(sensors, wire_type, name, dialect)
     if not found:
         return None
     items = [Item(sensor.wire_name(dialect), sensor.configuration(dialect)) for sensor in found]
     return configuration(found[0].wire_type, items)
 
 
-def find_sensors(sensors: Sequence[Sensor], wire_type: str, name: str | None) -> list[Sensor]:
-    """Sensors of a type, in mount order; with a name only those that bear it in any dialect.
+def find_sensors(
+    sensors: Sequence[Sensor], wire_type: str, name: str | None, dialect: Dialect
+) -> list[Sensor]:
+    """Sensors of a type that clients of a dialect know, in mount order.
 
-    Types and names are compared without case. A nickname counts if nobody bears the name.
+    With a name only those that bear it in any dialect. Types and names are compared without case. A
+    nickname counts if no sensor bears the name.
     """
     wanted = wire_type.strip().lower()
     found = [
         sensor
         for sensor in sensors
-        if sensor.wire_type.lower() == wanted or wanted in sensor.aliases
+        if (sensor.wire_type.lower() == wanted or wanted in sensor.aliases)
+        and sensor.known_in(dialect)
     ]
     if name is None:
         return found

@@ -183,7 +183,7 @@ class RobotRole(Role):
 
     def _obey_set(self, request: Set) -> list[str]:
         opcode = request.opcode
-        chosen = find_sensors(self._sensors, request.type, request.name)
+        chosen = find_sensors(self._sensors, request.type, request.name, self._dialect)
         if opcode is None or not chosen:
             if not self._limbs.means(request):
                 self._log.debug("SET has no addressee", type=request.type, name=request.name)
