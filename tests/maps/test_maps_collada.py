@@ -8,11 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mesh_samples import (
+    DAE_LOOKS,
+    FACES,
     VERTEX,
     WEDGE,
     WEDGE_PLACES,
     area,
     dae,
+    dae_bound,
     dae_geometry,
     dae_source,
     dae_textured,
@@ -294,3 +297,166 @@ def test_only_declared_packages() -> None:
             if type(value) is type(np)
         }
         assert names <= {"numpy", "re", "xml", "pyexpat"}
+
+
+class TestFigures:
+    """Controllers: skins and morphs."""
+
+    BIND = "1 0 0 0 0 1 0 0 0 0 1 5 0 0 0 1"
+    """The shape is 5 m higher when it is bound."""
+
+    def skin(self, names: str = "Name_array", source: str = "#g") -> str:
+        """The wedge on two joints that stand at x = 7, bound 5 m above the ground at x = 0."""
+        inverse = "1 0 0 0 0 1 0 0 0 0 1 -5 0 0 0 1 " * 2
+        joints = f'<source id="j"><{names} id="ja" count="2">hips head</{names}></source>'
+        weights = dae_source("w", "1 0.5 0.25", 1)
+        held = (
+            '<joints><input semantic="JOINT" source="#j"/>'
+            '<input semantic="INV_BIND_MATRIX" source="#b"/></joints>'
+            '<vertex_weights count="4"><input semantic="JOINT" source="#j" offset="0"/>'
+            '<input semantic="WEIGHT" source="#w" offset="1"/><vcount>1 2 1 0</vcount>'
+            "<v>0 0 0 1 1 1 1 2</v></vertex_weights>"
+        )
+        return (
+            f'<controller id="c"><skin source="{source}">'
+            f"<bind_shape_matrix>{self.BIND}</bind_shape_matrix>"
+            f"{joints}{dae_source('b', inverse, 16)}{weights}{held}</skin></controller>"
+        )
+
+    def morph(self, method: str, shares: str = "0.5 0") -> str:
+        """The wedge half way to one that is 2 m higher, and not to one elsewhere."""
+        targets = '<source id="t"><IDREF_array id="ta" count="2">h k</IDREF_array></source>'
+        return (
+            f'<controller id="m"><morph source="#g" method="{method}">{targets}'
+            f"{dae_source('shares', shares, 1)}"
+            '<targets><input semantic="MORPH_TARGET" source="#t"/>'
+            '<input semantic="MORPH_WEIGHT" source="#shares"/></targets></morph></controller>'
+        )
+
+    def file(self, folder: Path, controllers: str, shown: str = "c", nodes: str = "") -> Path:
+        """All three shapes, and a node far away that shows the controller."""
+        shapes = [dae_wedge()]
+        for name, shift in (("h", [0, 0, 2]), ("k", [900, 0, 0])):
+            points = " ".join(f"{value:g}" for value in (WEDGE + np.array(shift)).ravel())
+            shapes.append(dae_geometry("", points, name=name))
+        joints = nodes or (
+            '<node id="hips" sid="hips"><translate>7 0 0</translate>'
+            '<node id="head" sid="head"/></node>'
+        )
+        figure = (
+            '<node name="Figure"><translate>500 0 0</translate>'
+            f'<instance_controller url="#{shown}"/></node>'
+        )
+        more = f"<library_controllers>{controllers}</library_controllers>"
+        return write(folder, dae("".join(shapes), figure + joints, more=more))
+
+    @pytest.mark.parametrize("names", ["Name_array", "IDREF_array"])
+    def test_a_skin(self, tmp_path: Path, findings: Findings, names: str) -> None:
+        """Joints say where it is: not its node, and not the matrix of its binding alone."""
+        scene = read(self.file(tmp_path, self.skin(names)), findings)
+        assert places(whole(scene)) == sorted((WEDGE + np.array([7.0, 0.0, 0.0])).tolist())
+        assert scene.objects[0].name == "Figure"
+        assert scene.objects[0].pose.position == pytest.approx((7.0, 0.0, 0.0))
+        assert not findings.warnings()
+
+    @pytest.mark.parametrize(
+        ("method", "shares", "height"),
+        [("NORMALIZED", "0.5 0", 1.0), ("RELATIVE", "0 0", 0.0), ("NORMALIZED", "2", 4.0)],
+    )
+    def test_a_morph(self, tmp_path: Path, method: str, shares: str, height: float) -> None:
+        """By its weights, between the shapes or by adding them."""
+        path = self.file(tmp_path, self.morph(method, shares), "m")
+        mesh = whole(read(path))
+        assert mesh.vertices.min(axis=0) == pytest.approx([500.0, 0.0, height])
+
+    def test_a_relative_morph_adds(self, tmp_path: Path) -> None:
+        """The targets themselves, not how they differ."""
+        mesh = whole(read(self.file(tmp_path, self.morph("RELATIVE", "1 0"), "m")))
+        assert mesh.vertices[:, 2].max() == pytest.approx(3.0 + 5.0)
+
+    def test_a_skin_of_a_morph(self, tmp_path: Path) -> None:
+        """First one, then the other."""
+        both = self.morph("NORMALIZED") + self.skin(source="#m")
+        mesh = whole(read(self.file(tmp_path, both)))
+        assert mesh.vertices.min(axis=0) == pytest.approx([7.0, 0.0, 1.0])
+
+    @pytest.mark.parametrize(
+        ("old", "new"),
+        [
+            ("hips head", "hips tail"),
+            ("1 2 1 0", "1 2"),
+            ("<v>0 0 0 1", "<v>0 0 9 1"),
+            ("1 2</v>", "1 9</v>"),
+        ],
+    )
+    def test_joints_that_cannot_be_had(
+        self, tmp_path: Path, findings: Findings, old: str, new: str
+    ) -> None:
+        """The figure stands as it was modelled, at its node, and the report says so."""
+        scene = read(self.file(tmp_path, self.skin().replace(old, new, 1)), findings)
+        assert whole(scene).vertices.min(axis=0) == pytest.approx([500.0, 0.0, 5.0])
+        (note,) = findings.warnings()
+        assert "Figure stands as it was modelled" in note.text
+
+
+class TestVertexColors:
+    """COLOR inputs."""
+
+    def file(self, folder: Path, color: str, looks: str = "") -> Path:
+        """The wedge with a red and a blue vertex, all others white."""
+        colors = dae_source("col", "1 0 0 1 0 0 1 1 1 1 1 1", 4)
+        entry = '<input semantic="COLOR" source="#col" offset="1"/>'
+        corners = " ".join(f"{v} {color}" for v in FACES.ravel())
+        shape = f'<triangles count="4" material="sym">{VERTEX}{entry}<p>{corners}</p></triangles>'
+        points = " ".join(f"{value:g}" for value in WEDGE.ravel())
+        return write(
+            folder, dae(dae_geometry(shape, points, colors), dae_bound("paint"), more=looks)
+        )
+
+    @pytest.mark.parametrize(
+        ("color", "rgb"), [("0", (1, 0, 0)), ("1", (0, 0, 1)), ("2", (1, 1, 1))]
+    )
+    def test_without_material(self, tmp_path: Path, color: str, rgb: tuple[float, ...]) -> None:
+        """They are the colour."""
+        scene = read(self.file(tmp_path, color))
+        part = scene.objects[0].parts[0]
+        assert {scene.materials[name].color[:3] for name in part.materials.values()} == {rgb}
+
+    def test_with_material(self, tmp_path: Path) -> None:
+        """They multiply that which the node binds."""
+        scene = read(self.file(tmp_path, "0", DAE_LOOKS.format(file="a.png")))
+        (name,) = scene.objects[0].parts[0].materials.values()
+        assert scene.materials[name].color == pytest.approx((0.1, 0.0, 0.0, 1.0))
+
+
+def test_holes_by_a_picture(tmp_path: Path) -> None:
+    """`transparent` names the picture of the surface or another, and which end is clear."""
+    looks = DAE_LOOKS.replace(
+        "</phong>",
+        '<transparent opaque="RGB_ZERO"><texture texture="samp"/></transparent></phong>',
+    )
+    shape = dae_wedge().replace("<triangles ", '<triangles material="sym" ')
+    text = dae(shape, dae_bound("brick"), more=looks.format(file="a.png"))
+    opacity = read(write(tmp_path, text)).materials["brick"].opacity
+    assert opacity is not None
+    assert (opacity.picture, opacity.bright, opacity.inverse) == (None, True, True)
+
+
+def test_what_is_left_out(tmp_path: Path, findings: Findings) -> None:
+    """Elements that show nothing here are counted, with their names."""
+    more = (
+        '<library_animations><animation id="walk"/></library_animations>'
+        '<library_cameras><camera id="eye"/></library_cameras>'
+        '<library_physics_scenes><physics_scene id="fall"/></library_physics_scenes>'
+    )
+    shapes = dae_wedge() + '<geometry id="curve"><spline/></geometry>'
+    shapes = shapes.replace("</mesh>", '<lines count="0"/></mesh>')
+    nodes = (
+        '<node name="n"><instance_geometry url="#g"/><instance_geometry url="#curve"/></node>'
+        '<node name="bent"><skew>45 0 0 1 1 0 0</skew></node>'
+    )
+    read(write(tmp_path, dae(shapes, nodes, more=more)), findings)
+    assert findings.skipped_names == {
+        "animation": ["walk"], "camera": ["eye"], "physics_scene": ["fall"], "lines": ["g"],
+        "spline": ["curve"], "skew": ["bent"],
+    }  # fmt: skip

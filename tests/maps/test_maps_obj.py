@@ -28,7 +28,7 @@ from PIL import Image
 
 from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.polygons import triangulate, triangulate_one
-from usarsim_maps.scene import Collision
+from usarsim_maps.scene import Collision, Scene
 
 write = writer("map.obj")
 
@@ -159,6 +159,93 @@ class TestMaterials:
         scene = read(write(tmp_path, obj(head="mtllib gone.mtl\nusemtl paint")), findings)
         assert findings.missing_list() == [("file", "gone.mtl", 1)]
         assert "paint" in scene.materials
+
+
+def coloured(rows: list[str], head: str = "") -> str:
+    """Two triangles of six vertices with what stands behind their places."""
+    spots = [(0, 0, 0), (1, 0, 0), (0, 0, -1), (5, 0, 0), (6, 0, 0), (5, 0, -1)]
+    lines = [f"v {x} {y} {z} {row}" for (x, y, z), row in zip(spots, rows, strict=True)]
+    return "\n".join([head, *lines, "f 1 2 3", "f 4 5 6", ""])
+
+
+def colors_of(scene: Scene) -> list[tuple[float, ...]]:
+    """Colours of the triangles of the only mesh, rounded."""
+    mesh = scene.objects[0].parts[0].shape
+    names = [mesh.materials[slot] for slot in mesh.slots]
+    return [tuple(round(part, 2) for part in scene.materials[name].color) for name in names]
+
+
+class TestVertexColors:
+    """Colours behind the places of vertices."""
+
+    @pytest.mark.parametrize(
+        ("red", "half"),
+        [
+            ("1 0 0", "0 0.5 0"),
+            ("1.0 0.0 0.0 1.0", "0 0.5 0 1.0"),
+            ("255 0 0", "0 127.5 0"),
+            ("1,0 0,0 0,0", "0,0 0,5 0,0"),
+        ],
+    )
+    def test_of_two_triangles(self, tmp_path: Path, red: str, half: str) -> None:
+        """As fractions or as bytes, with an opacity or without."""
+        scene = read(write(tmp_path, coloured([red] * 3 + [half] * 3)))
+        assert colors_of(scene) == [(1.0, 0.0, 0.0, 1.0), (0.0, 0.5, 0.0, 1.0)]
+
+    def test_with_a_library(self, tmp_path: Path) -> None:
+        """They multiply the colour of the material; a picture stays."""
+        Image.new("RGB", (2, 2)).save(tmp_path / "a.png")
+        write(tmp_path, "newmtl m\nKd 1 0.5 0.5\nd 0.5\nnewmtl p\nmap_Kd a.png\n", "a.mtl")
+        rows = ["1 1 0"] * 3 + ["1 1 1"] * 3
+        scene = read(write(tmp_path, coloured(rows, "mtllib a.mtl\nusemtl m")))
+        assert colors_of(scene) == [(1.0, 0.5, 0.0, 0.5), (1.0, 0.5, 0.5, 0.5)]
+        assert scene.objects[0].parts[0].shape.materials[1] == "m"
+        scene = read(write(tmp_path, coloured(rows, "mtllib a.mtl\nusemtl p")))
+        names = scene.objects[0].parts[0].shape.materials
+        assert {scene.materials[name].texture for name in names} == {tmp_path / "a.png"}
+
+    def test_of_some_vertices(self, tmp_path: Path) -> None:
+        """Those without one are white; weights and words are no colours."""
+        scene = read(write(tmp_path, coloured(["1 0 0"] * 3 + ["1.0"] * 3)))
+        assert colors_of(scene)[1] == (1.0, 1.0, 1.0, 1.0)
+        scene = read(write(tmp_path, coloured(["a b c"] * 6)))
+        assert scene.objects[0].parts[0].shape.materials == ("",)
+
+    def test_of_a_scan(self, tmp_path: Path) -> None:
+        """Thousands of colours become at most 64 materials."""
+        rows = [f"v {k} {k % 7} {k % 5} {k / 999} {(k * 7 % 999) / 999} 0.5" for k in range(999)]
+        faces = [f"f {k} {k + 1} {k + 2}" for k in range(1, 997)]
+        scene = read(write(tmp_path, "\n".join(rows + faces)))
+        assert 8 < len(scene.objects[0].parts[0].shape.materials) <= 64
+
+
+def test_statements_that_have_no_effect(tmp_path: Path, findings: Findings) -> None:
+    """Are counted by their kinds, those of libraries too."""
+    write(tmp_path, "newmtl m\nKa 1 1 1\nKd 1 0 0\nmap_Bump b.png\nKa 0 0 0\n", "a.mtl")
+    text = obj(head="mtllib a.mtl\nusemtl m") + "s 1\nvn 0 0 1\nl 1 2\ncurv 0 1 1 2\nvn 0 1 0\n"
+    read(write(tmp_path, text), findings)
+    assert findings.skipped_names == {
+        "OBJ statement": ["s", "vn", "l", "curv"], "MTL statement": ["Ka", "map_Bump"],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("line", "name", "bright"),
+    [
+        ("map_d holes.png", "holes.png", False),
+        ("MAP_D -imfchan l holes.png", "holes.png", True),
+        ("map_d -s 1 1 1 -imfchan m holes.png", "holes.png", False),
+    ],
+)
+def test_holes_of_a_library(tmp_path: Path, line: str, name: str, bright: bool) -> None:
+    """`map_d` is the opacity of a material, in its alpha channel or in its brightness."""
+    Image.new("L", (2, 2)).save(tmp_path / "holes.png")
+    write(tmp_path, f"newmtl m\n{line}\n", "a.mtl")
+    scene = read(write(tmp_path, obj(head="mtllib a.mtl\nusemtl m")))
+    opacity = scene.materials["m"].opacity
+    assert opacity is not None
+    assert (opacity.picture, opacity.bright) == (tmp_path / name, bright)
+    assert tmp_path / name in scene.source.files
 
 
 def test_numbers_without_end(tmp_path: Path) -> None:

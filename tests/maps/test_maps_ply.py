@@ -9,16 +9,21 @@ import numpy as np
 import pytest
 from mesh_samples import (
     PLY_HEAD,
+    WEDGE_PLACES,
     area,
+    places,
     ply_binary,
     ply_text,
     read,
     refused,
+    stl_binary,
     stl_text,
     whole,
     writer,
 )
 from PIL import Image
+
+from usarsim_maps.findings import Findings
 
 write = writer("map.ply")
 
@@ -91,3 +96,29 @@ def test_solids(tmp_path: Path) -> None:
     assert [thing.name for thing in scene.objects] == ["floor one", "roof"]
     shape = scene.objects[0].parts[0].shape
     assert len(shape.vertices) == 4
+
+
+TAIL = b"\0\1\2\3 made by a scanner"
+
+
+@pytest.mark.parametrize("title", [b"solid part1", b"  SOLID", b"exported by a CAD"])
+@pytest.mark.parametrize("tail", [b"", b"\0", TAIL, b"endsolid", b"facet normal 0 0 0\nendsolid"])
+def test_binary_stl(tmp_path: Path, title: bytes, tail: bytes) -> None:
+    """Whatever its header begins with, and whatever stands behind its last facet."""
+    mesh = whole(read(write(tmp_path, stl_binary(title) + tail, "map.stl")))
+    assert places(mesh) == WEDGE_PLACES
+    assert len(mesh.triangles) == 4
+
+
+def test_binary_stl_that_is_cut_off(tmp_path: Path) -> None:
+    """Is told as what it is, also if its header begins with `solid`."""
+    message = refused(write(tmp_path, stl_binary(b"solid part1")[:-60], "map.stl"))
+    assert "4 triangles are announced, 2 are there" in message
+
+
+def test_attributes_of_facets(tmp_path: Path, findings: Findings) -> None:
+    """Colours that some programs keep there are counted."""
+    content = bytearray(stl_binary())
+    content[84 + 48 : 84 + 50] = b"\x1f\x80"
+    read(write(tmp_path, bytes(content), "map.stl"), findings)
+    assert findings.skipped == {"attribute of a facet": 1}

@@ -211,3 +211,97 @@ def test_inline_files(tmp_path: Path, findings: Findings) -> None:
 def test_a_file_that_shows_itself(tmp_path: Path) -> None:
     """Is refused."""
     assert "nested too deeply" in refused(write(tmp_path, x3d('<Inline url="map.x3d"/>')))
+
+
+SQUARE = '<Coordinate point="0 0 0, 1 0 0, 1 0 -1, 0 0 -1"/>'
+CORNERS = "0 0 0, 1 0 0, 1 0 -1, 0 0 -1"
+
+
+@pytest.mark.parametrize(
+    "geometry",
+    [
+        f'<IndexedTriangleStripSet index="0 1 3 2 -1">{SQUARE}</IndexedTriangleStripSet>',
+        f'<IndexedTriangleStripSet index="0 1 2 -1 0 2 3 -1">{SQUARE}</IndexedTriangleStripSet>',
+        f'<IndexedTriangleFanSet index="0 1 2 3">{SQUARE}</IndexedTriangleFanSet>',
+        f'<TriangleFanSet fanCount="4">{SQUARE}</TriangleFanSet>',
+        '<TriangleStripSet stripCount="4"><Coordinate point="0 0 0, 1 0 0, 0 0 -1, 1 0 -1"/>'
+        "</TriangleStripSet>",
+        f'<IndexedQuadSet index="0 1 2 3">{SQUARE}</IndexedQuadSet>',
+        f"<QuadSet>{SQUARE}</QuadSet>",
+    ],
+)
+def test_strips_fans_and_quads(tmp_path: Path, geometry: str) -> None:
+    """A square metre that looks upwards, in every way of writing it."""
+    mesh = whole(read(write(tmp_path, x3d(x3d_shape(geometry)))))
+    a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a) / 2.0
+    assert normals.sum(axis=0) == pytest.approx([0.0, 0.0, 1.0])
+
+
+TWO = "0 1 2 -1 3 4 5 -1"
+SIX = "0 0 0, 1 0 0, 0 0 -1, 5 0 0, 6 0 0, 5 0 -1"
+
+
+@pytest.mark.parametrize(
+    ("facts", "colors"),
+    [
+        ("", "<Color color='1 0 0, 1 0 0, 1 0 0, 0 0 1, 0 0 1, 0 0 1'/>"),
+        ("", "<ColorRGBA color='1 0 0 1, 1 0 0 1, 1 0 0 1, 0 0 1 1, 0 0 1 1, 0 0 1 1'/>"),
+        ("colorIndex='1 1 1 -1 0 0 0 -1'", "<Color color='0 0 1, 1 0 0'/>"),
+        ("colorPerVertex='false'", "<Color color='1 0 0, 0 0 1'/>"),
+        ("colorPerVertex='false' colorIndex='1 0'", "<Color color='0 0 1, 1 0 0'/>"),
+    ],
+)
+def test_colors_of_vertices_and_faces(tmp_path: Path, facts: str, colors: str) -> None:
+    """They replace the colour of the material, not its transparency; each has one plain colour."""
+    geometry = (
+        f'<IndexedFaceSet coordIndex="{TWO}" {facts}><Coordinate point="{SIX}"/>{colors}'
+        "</IndexedFaceSet>"
+    )
+    look = '<Appearance><Material diffuseColor="0 1 0" transparency="0.5"/></Appearance>'
+    for shape, opacity in ((x3d_shape(geometry), 1.0), (x3d_shape(geometry, look), 0.5)):
+        scene = read(write(tmp_path, x3d(shape)))
+        part = scene.objects[0].parts[0]
+        found = [scene.materials[part.materials[slot]].color for slot in part.shape.slots]
+        assert found == [(1.0, 0.0, 0.0, opacity), (0.0, 0.0, 1.0, opacity)]
+
+
+def test_too_few_colors(tmp_path: Path) -> None:
+    """A surface without its colours is a surface."""
+    geometry = (
+        f'<IndexedFaceSet coordIndex="{TWO}"><Coordinate point="{SIX}"/><Color color="1 0 0"/>'
+        "</IndexedFaceSet>"
+    )
+    assert read(write(tmp_path, x3d(x3d_shape(geometry)))).objects[0].parts[0].materials == {}
+
+
+@pytest.mark.parametrize(
+    ("facts", "cutoff"),
+    [("", 0.5), ('alphaMode="MASK" alphaCutoff="0.2"', 0.2), ('alphaMode="OPAQUE"', None)],
+)
+def test_holes_by_a_picture(tmp_path: Path, facts: str, cutoff: float | None) -> None:
+    """The opacity of a picture counts unless the appearance says otherwise."""
+    Image.new("RGBA", (2, 2)).save(tmp_path / "a.png")
+    look = f'<Appearance DEF="Fence" {facts}><ImageTexture url="a.png"/></Appearance>'
+    scene = read(write(tmp_path, x3d(x3d_shape(X3D_FACE_SET, look))))
+    opacity = scene.materials["Fence"].opacity
+    assert (opacity and opacity.cutoff) == cutoff
+
+
+def test_what_is_left_out(tmp_path: Path, findings: Findings) -> None:
+    """Nodes that show nothing here are counted, with their names, in both syntaxes."""
+    body = (
+        x3d_shape(X3D_FACE_SET, "<Appearance><PixelTexture/></Appearance>")
+        + x3d_shape('<Extrusion DEF="Arch"/>')
+        + '<PointLight DEF="Lamp"/><ProtoInstance name="Door"/><ROUTE/>'
+    )
+    read(write(tmp_path, x3d(body)), findings)
+    assert findings.skipped_names == {
+        "PixelTexture": [], "Extrusion": ["Arch"], "PointLight": ["Lamp"],
+        "ProtoInstance": ["Door"], "ROUTE": [],
+    }  # fmt: skip
+    classic = Findings()
+    read(write(tmp_path, VRML_WEDGE, "map.wrl"), classic)
+    assert classic.skipped_names == {
+        "WorldInfo": [], "ProtoDeclare": [], "Script": ["Script1"], "ROUTE": [],
+    }  # fmt: skip

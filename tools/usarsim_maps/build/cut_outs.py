@@ -16,6 +16,7 @@ from PIL import Image
 
 from usarsim_maps.build.looks import Look
 from usarsim_maps.findings import Findings
+from usarsim_maps.geometry import LEAST_AREA, normals_areas
 from usarsim_maps.scene import Array, Integers, Mask, Opacity
 
 if TYPE_CHECKING:
@@ -186,7 +187,9 @@ def _cut(corners: Array, uvs: Array, stencil: Stencil) -> tuple[Array, Array] | 
         if len(weights) >= 3:
             fan = [(0, k, k + 1) for k in range(1, len(weights) - 1)]
             kept.append(((weights @ corners[triangle])[fan], (weights @ uvs[triangle])[fan]))
-    return np.concatenate([c for c, _ in kept]), np.concatenate([t for _, t in kept])
+    pieces, places = np.concatenate([c for c, _ in kept]), np.concatenate([t for _, t in kept])
+    _, areas = normals_areas(pieces.reshape(-1, 3), np.arange(3 * len(pieces)).reshape(-1, 3))
+    return pieces[areas > LEAST_AREA], places[areas > LEAST_AREA]
 
 
 def _opaque_cells(stencil: Stencil, low: Array, high: Array) -> Array:

@@ -93,7 +93,7 @@ class AseReader(Reader):
         if context.options.mirror:
             turn = MIRROR @ turn
         index = context.index(source)
-        known, files = _materials(materials, index)
+        known, files = _materials(materials, index, source.parent)
         objects = [_object(geom, turn, materials, source) for geom in geoms if geom.faces]
         if not objects:
             cure = "export the mesh again as ASE with its faces"
@@ -254,7 +254,7 @@ def _numbers(
 
 
 def _materials(
-    materials: list[list[_AseMaterial]], index: AssetIndex
+    materials: list[list[_AseMaterial]], index: AssetIndex, folder: Path
 ) -> tuple[dict[str, Material], list[Path]]:
     known: dict[str, Material] = {}
     files = []
@@ -266,7 +266,7 @@ def _materials(
             if found is not None and found.suffix.lower() in PICTURES:
                 files.append(found)
             else:
-                found = Path(plain) if plain and plain.lower() != "none" else None
+                found = folder / plain if plain and plain.lower() != "none" else None
             known.setdefault(name, Material(name, texture=found))
     return known, files
 

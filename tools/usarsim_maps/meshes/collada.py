@@ -8,26 +8,44 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
-from usarsim_maps.meshes.collada_mesh import read_geometry
+from usarsim_maps.meshes.collada_figures import ColladaFigure
+from usarsim_maps.meshes.collada_mesh import ELEMENTS, ColladaGeometry, read_geometry
 from usarsim_maps.meshes.mesh_files import (
     Axes,
     Pictures,
     SceneBuilder,
     axes_of,
 )
+from usarsim_maps.meshes.vertex_colors import WHITE, shaded
 from usarsim_maps.meshes.xml_text import Document, Node, read_xml
 from usarsim_maps.numbers import read_number, read_numbers
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Array, Color, LightKind, Material, Part, Scene, SceneObject
+from usarsim_maps.scene import (
+    Array,
+    Color,
+    LightKind,
+    Material,
+    Mesh,
+    Opacity,
+    Part,
+    Scene,
+    SceneObject,
+)
+from usarsim_maps.support import Support, SupportTable
 from usarsim_maps.units import affine, axis_turn
+from usarsim_server.errors import MapImportError
 
 MAX_NODES = 100_000
 """Nodes that a scene shows; nodes that contain others twice could make billions."""
 
 MAX_DEPTH = 200
+
+MAX_SKELETONS = 20
+"""Nodes in which the joints of one figure are looked for."""
 
 FAR = 1e12
 """Larger numbers in nodes have no meaning."""
@@ -65,6 +83,9 @@ def _material(name: str, node: Node, ids: Mapping[str, Node], pictures: Pictures
     shader = next((child for child in technique.children if child.tag in SHADERS), None)
     if shader is None:
         return Material(name)
+    for child in (*effect.children, *shader.children):
+        if ELEMENTS.get(child.tag) is Support.LEFT_OUT:
+            pictures.context.findings.skip(child.tag, name)
     color = GREY
     look = shader.child("diffuse") or shader.child("emission")
     if look is None:
@@ -74,10 +95,32 @@ def _material(name: str, node: Node, ids: Mapping[str, Node], pictures: Pictures
         color = _color(plain) or GREY
     if texture is None:
         return Material(name, (*color[:3], min(color[3], _opacity(shader)) or 1.0))
-    image = _image(texture.get("texture"), [technique, profile, effect], ids)
+    places = [technique, profile, effect]
+    image = _image(texture.get("texture"), places, ids)
     found = pictures.find(image) if image else None
-    opacity = _opacity(shader)
-    return Material(name, (1.0, 1.0, 1.0, opacity), found) if found else Material(name)
+    if found is None:
+        return Material(name)
+    holes = _holes(shader.child("transparent"), image, places, ids, pictures)
+    return Material(name, (1.0, 1.0, 1.0, _opacity(shader)), found, opacity=holes)
+
+
+def _holes(
+    transparent: Node | None,
+    image: str,
+    places: list[Node],
+    ids: Mapping[str, Node],
+    pictures: Pictures,
+) -> Opacity | None:
+    """Opacity by a picture, which is the one of the surface or another; None without one."""
+    texture = None if transparent is None else transparent.child("texture")
+    if transparent is None or texture is None:
+        return None
+    name = _image(texture.get("texture"), places, ids)
+    mode = transparent.get("opaque", "A_ONE")
+    picture = pictures.find(name) if name and name != image else None
+    return Opacity(
+        picture, blend=True, bright=mode.startswith("RGB"), inverse=mode.endswith("ZERO")
+    )
 
 
 def _color(node: Node) -> Color | None:
@@ -140,6 +183,7 @@ class ColladaReader(Reader):
     title = "COLLADA"
     extensions = (".dae",)
     head = re.compile(rb"<COLLADA")
+    support: ClassVar[Mapping[str, SupportTable]] = {"COLLADA elements": ELEMENTS}
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""
@@ -183,10 +227,17 @@ class _ColladaScene(SceneBuilder):
                 self._ids.setdefault(name, node)
         self._materials = read_materials(document, self._ids, self.pictures)
         self._shown = 0
+        self._shapes: dict[int, ColladaGeometry] = {}  # by the identity of their meshes
+        self._places: dict[int, Array] = {}  # of nodes in the file's frame, by their identity
+        self._joints: dict[int, dict[str, Array]] = {}  # by the identity of the node above
 
     def filled(self) -> Scene:
         """Everything that the file's scene shows."""
         top = self._visual_scene()
+        for library in self._document.root.children:
+            for entry in library.children if library.tag.startswith("library_") else ():
+                if ELEMENTS.get(entry.tag) is Support.LEFT_OUT:
+                    self.findings.skip(entry.tag, entry.get("name") or entry.get("id"))
         if top is None:
             self._show_all()
         else:
@@ -212,7 +263,7 @@ class _ColladaScene(SceneBuilder):
         for library in self._document.root.all("library_geometries"):
             for geometry in library.all("geometry"):
                 name = geometry.get("name") or geometry.get("id") or "geometry"
-                self._show(geometry, geometry, name, np.eye(4), np.eye(4))
+                self._show(geometry, geometry, name, np.eye(4))
 
     # ---- nodes -----------------------------------------------------------------------------
 
@@ -250,43 +301,112 @@ class _ColladaScene(SceneBuilder):
                     shown = True
                 case "instance_camera":
                     shown = True
+                case "skew":
+                    self.findings.skip("skew", name)
         if not shown:
             self.mark(name, matrix)
 
     def _instance(self, instance: Node, name: str, matrix: Array) -> None:
-        """A geometry, or the geometry that a controller bends."""
+        """A geometry, or the geometry that controllers bend."""
         found = self.target(instance.get("url"))
-        bind = np.eye(4)
+        controllers: list[Node] = []
         for _ in range(8):  # morphs of skins of ...
             if found is None or found.tag != "controller":
                 break
-            skin = found.child("skin") or found.child("morph")
-            if skin is None:
+            controller = found.child("skin") or found.child("morph")
+            if controller is None:
                 return
-            shape = skin.child("bind_shape_matrix")
-            values = self._document.vector(shape, 16, far=FAR)
-            if values is not None:
-                bind = values.reshape(4, 4)
-            found = self.target(skin.get("source"))
+            controllers.insert(0, controller)
+            found = self.target(controller.get("source").strip())
         if found is None or found.tag != "geometry":
             self.findings.missing("mesh", instance.get("url")[:200])
             return
-        self._show(found, instance, name, matrix, bind)
+        if not controllers:
+            self._show(found, instance, name, matrix)
+            return
+        try:
+            self._show(found, instance, name, matrix, self._figure(instance, controllers))
+        except MapImportError as error:
+            # Without its joints a skin stands as it was modelled.
+            self.findings.warn(self.path.name, f"{error}; {name} stands as it was modelled")
+            skins = [node for node in controllers if node.tag == "skin"]
+            plain = ColladaFigure(self._document, self._ids, skins, None)
+            self._show(found, instance, name, matrix, plain)
 
-    def _show(self, geometry: Node, instance: Node, name: str, matrix: Array, bind: Array) -> None:
-        document, findings = self._document, self.findings
-        known = self.mesh(
-            geometry.get("id") or str(id(geometry)),
-            lambda: read_geometry(document, self._ids, geometry, findings),
-        )
+    def _figure(self, instance: Node, controllers: list[Node]) -> ColladaFigure:
+        """The controllers of a geometry, and the nodes that are their joints."""
+        if not self._places:
+            self._find_places()
+        skeletons = list(instance.all("skeleton"))[:MAX_SKELETONS]
+        roots = [*(self.target(node.text.strip()) for node in skeletons), self._visual_scene()]
+        joints = [self._joints_below(root) for root in roots if root is not None]
+        return ColladaFigure(self._document, self._ids, controllers, joints)
+
+    def _joints_below(self, root: Node) -> dict[str, Array]:
+        """Matrices of a node and of those below by `sid` and `id`."""
+        if id(root) not in self._joints:
+            found = self._joints[id(root)] = {}
+            for node in root.walk():
+                if id(node) in self._places:
+                    for word in filter(None, (node.get("sid"), node.get("id"))):
+                        found.setdefault(word, self._places[id(node)])
+        return self._joints[id(root)]
+
+    def _find_places(self) -> None:
+        """Matrices of all nodes that the scene contains itself."""
+        top = self._visual_scene()
+        todo = [] if top is None else [(node, np.eye(4)) for node in top.all("node")]
+        while todo:
+            node, parent = todo.pop()
+            own = self._matrix(node)
+            if own is not None:
+                self._places[id(node)] = matrix = parent @ own
+                todo += [(child, matrix) for child in node.all("node")]
+
+    def _show(
+        self,
+        geometry: Node,
+        instance: Node,
+        name: str,
+        matrix: Array,
+        figure: ColladaFigure | None = None,
+    ) -> None:
+        bend, key = (None, ()) if figure is None else (figure.bend, figure.key)
+
+        def read() -> Mesh | None:
+            found = read_geometry(self._document, self._ids, geometry, self.findings, bend)
+            if found is None:
+                return None
+            self._shapes[id(found.mesh)] = found
+            return found.mesh
+
+        known = self.mesh((geometry.get("id") or str(id(geometry)), *key), read)
         if known is None:
             return
-        pose, local = self.axes.place(matrix)
+        if figure is None or figure.place is None:
+            pose, local = self.axes.place(matrix)
+        else:
+            # Joints alone say where a skin is: its node's matrix does not count.
+            pose, local = self.axes.place(affine(offset=figure.place[:3, 3]), np.eye(4))
         bound = dict(self._bound(instance))
-        materials = {slot: bound.get(symbol, symbol) for slot, symbol in enumerate(known.materials)}
-        part = Part(known, local @ bind, materials=materials)
-        findings.count("mesh node")
+        materials = {}
+        for slot, word in enumerate(known.materials):
+            symbol, color = self._shapes[id(known)].shades.get(word, (word, None))
+            material = bound.get(symbol, symbol)
+            materials[slot] = material if color is None else self._shade(material, color)
+        part = Part(known, local, materials=materials)
+        self.findings.count("mesh node")
         self.objects.append(SceneObject(name, (part,), pose, kind="node"))
+
+    def _shade(self, name: str, color: Color) -> str:
+        """A material in the colour of vertices, by its name; one with a picture stays as it is."""
+        base = self._materials.get(name, WHITE)
+        if base.texture is not None:
+            self.findings.skip("colours of vertices under a picture", name)
+            return name
+        ((shade,), _) = shaded(np.array([color[:3]]), base)
+        self._materials[shade.name] = shade
+        return shade.name
 
     def _bound(self, instance: Node) -> Iterator[tuple[str, str]]:
         """Symbols of a geometry, and names of the materials that an instance binds to them."""
@@ -300,8 +420,6 @@ class _ColladaScene(SceneBuilder):
         """All transformations of a node, in the order in which they stand; None if one is bad."""
         matrix = np.eye(4)
         for child in node.children:
-            if child.tag == "skew":
-                self.findings.warn(self.path.name, "skew is not applied")
             if child.tag not in STEPS:
                 continue
             values = self._document.vector(child, STEPS[child.tag], far=FAR)

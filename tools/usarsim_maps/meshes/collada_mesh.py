@@ -2,18 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.polygons import MeshBuilder, triangulate, triangulate_one
+from usarsim_maps.meshes.vertex_colors import WHITE, shaded
 from usarsim_maps.meshes.xml_text import Document, Node
-from usarsim_maps.scene import Array, Integers, Mesh
+from usarsim_maps.scene import Array, Color, Integers, Material, Mesh
+from usarsim_maps.support import Support, support_table
 from usarsim_server.errors import MapImportError
 
 PRIMITIVES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
+
+ELEMENTS = support_table(
+    read="""
+        ambient bind_shape_matrix blinn constant controller convex_mesh diffuse directional effect
+        emission geometry image instance_controller instance_geometry instance_light instance_node
+        joints lambert light lookat material matrix mesh morph node phong point polygons polylist
+        profile_COMMON rotate sampler2D scale skin spot surface translate transparency transparent
+        triangles trifans tristrips vertex_weights visual_scene
+    """,
+    left_out="""
+        animation animation_clip articulated_system brep camera force_field formula
+        index_of_refraction joint kinematics_model kinematics_scene lines linestrips
+        physics_material physics_model physics_scene profile_BRIDGE profile_CG profile_GLES
+        profile_GLES2 profile_GLSL reflective reflectivity shininess skew specular spline
+    """,
+)
+"""Elements of COLLADA 1.4 and 1.5 that say what is in a scene and how it looks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,38 +44,113 @@ class _Inputs:
     points: Array
     texture: int | None
     uvs: Array | None
+    shade: int  # offset of colours
+    colors: Array | None  # (c, 3)
+
+
+@dataclass(frozen=True, slots=True)
+class ColladaGeometry:
+    """A geometry as it is read."""
+
+    mesh: Mesh  # its materials are symbols, or shades of symbols
+    shades: Mapping[str, tuple[str, Color]]  # symbol and colour of each shade by its name
 
 
 def read_geometry(
-    document: Document, ids: Mapping[str, Node], geometry: Node, findings: Findings
-) -> Mesh | None:
+    document: Document,
+    ids: Mapping[str, Node],
+    geometry: Node,
+    findings: Findings,
+    bend: Callable[[Array], Array] | None = None,
+) -> ColladaGeometry | None:
     """The mesh of a `geometry` in the file's units and axes; None if it has no triangles.
 
-    Its materials are symbols. A `MapImportError` names the line of what is broken.
+    Its vertices are moved by `bend` if that is given. A `MapImportError` names the line of what is
+    broken.
     """
     mesh = geometry.child("mesh") or geometry.child("convex_mesh")
     if mesh is None:
-        findings.skip("geometry without mesh")
+        name = geometry.get("name") or geometry.get("id")
+        shape = next((child.tag for child in geometry.children if child.tag in ELEMENTS), "")
+        findings.skip(shape or "geometry without mesh", name)
         return None
-    return _Mesh(document, ids, findings).read(geometry, mesh)
+    return _Mesh(document, ids, findings, bend).read(geometry, mesh)
+
+
+def read_points(document: Document, ids: Mapping[str, Node], geometry: Node) -> Array | None:
+    """Vertices (n, 3) of a `geometry`, as its primitives count them; None if it has none."""
+    mesh = geometry.child("mesh") or geometry.child("convex_mesh")
+    vertices = None if mesh is None else mesh.child("vertices")
+    for entry in () if vertices is None else vertices.all("input"):
+        if entry.get("semantic") == "POSITION":
+            found = source_values(document, ids, entry)
+            return found[:, :3] if found.shape[1] >= 3 else None
+    return None
+
+
+def source_values(document: Document, ids: Mapping[str, Node], entry: Node) -> Array:
+    """Values (n, width) of the source that an input names, by its accessor."""
+    source = ids.get(entry.get("source").removeprefix("#"))
+    if source is None or source.tag != "source":
+        raise document.error(entry, f"source {entry.get('source')[:60]!r} is missing")
+    array = source.child("float_array")
+    accessor = source.child("technique_common", "accessor")
+    if array is None:
+        raise document.error(source, "a source without numbers")
+    values = document.floats(array)
+    stride, start, count = 3, 0, None
+    if accessor is not None:
+        stride = max(1, whole_number(document, accessor, "stride", 1))
+        start = whole_number(document, accessor, "offset", 0)
+        count = whole_number(document, accessor, "count", -1)
+    there = max(0, len(values) - start) // stride
+    if count is None or count < 0:
+        count = there
+    if count > there:
+        raise document.error(source, f"{count} entries are announced, {there} are there")
+    return values[start : start + count * stride].reshape(count, stride)
+
+
+def whole_number(document: Document, node: Node, attribute: str, default: int) -> int:
+    """A whole number in an attribute; a `MapImportError` if it is none."""
+    text = node.get(attribute)
+    if not text.strip():
+        return default
+    try:
+        value = int(text)
+    except ValueError:
+        value = -1
+    if not 0 <= value < 1 << 31:
+        raise document.error(node, f"{attribute}={text[:40]!r} is no whole number")
+    return value
 
 
 class _Mesh:
     """One geometry being read."""
 
-    def __init__(self, document: Document, ids: Mapping[str, Node], findings: Findings) -> None:
+    def __init__(
+        self,
+        document: Document,
+        ids: Mapping[str, Node],
+        findings: Findings,
+        bend: Callable[[Array], Array] | None,
+    ) -> None:
         self._document = document
         self._ids = ids
         self._findings = findings
+        self._bend = bend
         self._sources: dict[int, Array] = {}
+        self._points: dict[int, Array] = {}
+        self._shades: dict[str, tuple[str, Color]] = {}
 
-    def read(self, geometry: Node, mesh: Node) -> Mesh | None:
+    def read(self, geometry: Node, mesh: Node) -> ColladaGeometry | None:
         """All primitives of a mesh in one."""
         whole = MeshBuilder(self._document.path)
+        name = geometry.get("name") or geometry.get("id") or "geometry"
         for primitive in mesh.children:
             if primitive.tag not in PRIMITIVES:
-                if primitive.tag in ("lines", "linestrips"):
-                    self._findings.skip(primitive.tag)
+                if ELEMENTS.get(primitive.tag) is Support.LEFT_OUT:
+                    self._findings.skip(primitive.tag, name)
                 continue
             inputs = self._inputs(mesh, primitive)
             rows = None if inputs is None else self._rows(primitive, inputs)
@@ -66,8 +160,23 @@ class _Mesh:
             if inputs.uvs is not None and inputs.texture is not None:
                 uvs = self._textured(primitive, inputs.uvs, rows[:, :, inputs.texture])
             corners = rows[:, :, inputs.vertex]
-            whole.add(inputs.points, corners, uvs, [primitive.get("material")])
-        return whole.mesh(geometry.get("name") or geometry.get("id") or "geometry")
+            names, slots = [primitive.get("material")], None
+            if inputs.colors is not None:
+                names, slots = self._shaded(names[0], inputs, rows)
+            whole.add(inputs.points, corners, uvs, names, slots)
+        made = whole.mesh(name)
+        return None if made is None else ColladaGeometry(made, self._shades)
+
+    def _shaded(
+        self, symbol: str, inputs: _Inputs, rows: Integers
+    ) -> tuple[list[str], Integers | None]:
+        """Names of the shades of a material, and their numbers by triangle."""
+        corners, colors = rows[:, :, inputs.shade], inputs.colors
+        if colors is None or corners.min() < 0 or corners.max() >= len(colors):
+            return [symbol], None
+        shades, slots = shaded(colors[corners].mean(axis=1), Material(symbol, WHITE.color))
+        self._shades |= {shade.name: (symbol, shade.color) for shade in shades}
+        return [shade.name for shade in shades], slots
 
     def _textured(self, primitive: Node, uvs: Array, corners: Integers) -> Array:
         """Texture coordinates (m, 3, 2) of triangles; those that are not there become the first."""
@@ -83,8 +192,9 @@ class _Mesh:
         stride, vertex = 1, None
         points: Array | None = None
         texture, uvs = None, None
+        shade, colors = 0, None
         for entry in primitive.all("input"):
-            offset = self._number(entry, "offset", 0)
+            offset = whole_number(self._document, entry, "offset", 0)
             stride = max(stride, offset + 1)
             target = self._ids.get(entry.get("source").removeprefix("#"))
             match entry.get("semantic"):
@@ -96,73 +206,47 @@ class _Mesh:
                             points = found
                         elif inner.get("semantic") == "TEXCOORD" and uvs is None:
                             texture, uvs = offset, found
+                        elif inner.get("semantic") == "COLOR" and colors is None:
+                            shade, colors = offset, found
                 case "POSITION" if points is None:
                     vertex, points = offset, self._source(entry)
                 case "TEXCOORD" if uvs is None or entry.get("set") == "0":
-                    texture, uvs = offset, self._texture_source(entry)
+                    texture, uvs = offset, self._look_source(entry)
+                case "COLOR" if colors is None:
+                    shade, colors = offset, self._look_source(entry)
         if vertex is None or points is None or points.shape[1] < 3:
             self._findings.warn(
                 self._document.path.name, f"line {primitive.line}: {primitive.tag} without places"
             )
             return None
         flat = None if uvs is None or uvs.shape[1] < 2 or not len(uvs) else uvs[:, :2]
-        return _Inputs(stride, vertex, self._shared(points), texture, flat)
+        if colors is not None and (colors.shape[1] < 3 or not len(colors)):
+            colors = None
+        rgb = None if colors is None else colors[:, :3]
+        return _Inputs(stride, vertex, self._shared(points), texture, flat, shade, rgb)
 
     def _shared(self, points: Array) -> Array:
-        """Three columns; the same array for the same source."""
-        if points.shape[1] == 3:
-            return points
-        key = -id(points)
-        if key not in self._sources:
-            self._sources[key] = points[:, :3]
-        return self._sources[key]
+        """Three columns, bent; the same array for the same source."""
+        key = id(points)
+        if key not in self._points:
+            found = points[:, :3]
+            self._points[key] = found if self._bend is None else self._bend(found)
+        return self._points[key]
 
-    def _texture_source(self, entry: Node) -> Array | None:
-        """Texture coordinates; None, and a note, if they cannot be had."""
+    def _look_source(self, entry: Node) -> Array | None:
+        """Texture coordinates or colours; None, and a note, if they cannot be had."""
         try:
             return self._source(entry)
         except MapImportError as error:
-            self._findings.warn(self._document.path.name, f"{error}; its pictures are left out")
+            self._findings.warn(self._document.path.name, f"{error}; its looks are left out")
             return None
 
     def _source(self, entry: Node) -> Array:
-        """Values (n, width) of the source that an input names, by its accessor."""
+        """Values of the source that an input names; the same array for the same source."""
         source = self._ids.get(entry.get("source").removeprefix("#"))
-        if source is None or source.tag != "source":
-            raise self._document.error(entry, f"source {entry.get('source')[:60]!r} is missing")
-        if id(source) in self._sources:
-            return self._sources[id(source)]
-        array = source.child("float_array")
-        accessor = source.child("technique_common", "accessor")
-        if array is None:
-            raise self._document.error(source, "a source without numbers")
-        values = self._document.floats(array)
-        stride, start, count = 3, 0, None
-        if accessor is not None:
-            stride = max(1, self._number(accessor, "stride", 1))
-            start = self._number(accessor, "offset", 0)
-            count = self._number(accessor, "count", -1)
-        there = max(0, len(values) - start) // stride
-        if count is None or count < 0:
-            count = there
-        if count > there:
-            problem = f"{count} entries are announced, {there} are there"
-            raise self._document.error(source, problem)
-        found = values[start : start + count * stride].reshape(count, stride)
-        self._sources[id(source)] = found
-        return found
-
-    def _number(self, node: Node, attribute: str, default: int) -> int:
-        text = node.get(attribute)
-        if not text.strip():
-            return default
-        try:
-            value = int(text)
-        except ValueError:
-            value = -1
-        if not 0 <= value < 1 << 31:
-            raise self._document.error(node, f"{attribute}={text[:40]!r} is no whole number")
-        return value
+        if id(source) not in self._sources:
+            self._sources[id(source)] = source_values(self._document, self._ids, entry)
+        return self._sources[id(source)]
 
     # ---- primitives ------------------------------------------------------------------------
 

@@ -437,7 +437,8 @@ class _GltfScene(SceneBuilder):
         most = float(np.nanmax(colors, initial=0.0))
         if most > 1.0:  # whole numbers that do not say that they are normalized
             colors = colors / (255.0 if most <= 255.0 else 65535.0)
-        if material is None or (material.color[3] == 1.0 and material.opacity is None):
+        slot = None if material is None else item.index("material", self._materials)
+        if slot is None or not self._materials[slot][1].blend:
             colors = colors[:, :3]
         rgb = shown(np.nan_to_num(np.clip(colors[:, :3], 0.0, 1.0)))
         colors = np.column_stack([rgb, colors[:, 3:]])

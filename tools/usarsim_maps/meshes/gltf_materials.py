@@ -20,12 +20,13 @@ REPEAT, MIRRORED = 10497, 33648
 
 @dataclass(frozen=True, slots=True)
 class Mapping:
-    """How a material uses texture coordinates."""
+    """How a material uses what vertices have."""
 
     channel: int = 0  # number of the set of coordinates
     offset: tuple[float, float] = (0.0, 0.0)  # of KHR_texture_transform
     scale: tuple[float, float] = (1.0, 1.0)
     rotation: float = 0.0  # rad, anticlockwise in the picture
+    blend: bool = False  # the opacity of vertices counts
 
     def apply(self, uvs: Array) -> Array:
         """Coordinates (n, 2) with v upwards; in the file v counts downwards."""
@@ -82,7 +83,7 @@ def _material(
             return _textured(file, material, file.items("textures")[number], texture, pictures)
     except MapImportError as error:
         findings.warn(file.path.name, f"{error}; the picture of {name!r} was left out")
-    return replace(material, opacity=None), Mapping()
+    return replace(material, opacity=None), Mapping(blend=mode == "BLEND")
 
 
 def _textured(
@@ -100,7 +101,8 @@ def _textured(
                 found = images[number]
                 name = found.text("name") or found.text("uri")[:80] or found.place
                 pictures.context.findings.skip("picture of an unknown kind", name)
-        return replace(material, opacity=None), Mapping()
+        blend = material.opacity is not None and material.opacity.blend
+        return replace(material, opacity=None), Mapping(blend=blend)
     image = images[source]
     sampler = entry.index("sampler", file.items("samplers"))
     repeat = True
@@ -125,6 +127,7 @@ def _textured(
         offset=(u, v),
         scale=(su, sv),
         rotation=change.number_or("rotation", 0.0),
+        blend=material.opacity is not None and material.opacity.blend,
     )
     return replace(material, texture=path, image=content, repeat=repeat), mapping
 

@@ -18,6 +18,7 @@ import numpy as np
 from usarsim_maps.files import MAX_BYTES, read_bytes
 from usarsim_maps.meshes.mesh_files import Axes, axes_of, with_hulls
 from usarsim_maps.meshes.polygons import check_count, make_mesh
+from usarsim_maps.meshes.vertex_colors import shaded
 from usarsim_maps.reader import Context, Reader, need, register
 from usarsim_maps.scene import Material, Mesh, Part, Scene, SceneObject
 from usarsim_server.errors import MapImportError, at
@@ -92,7 +93,7 @@ def _scene(
             meshes[key] = None if not len(faces) else _mesh(key, made, faces, materials)
         mesh = meshes[key]
         if mesh is None:
-            context.findings.skip("points and lines")
+            context.findings.skip("points and lines", name)
             continue
         pose, local = axes.place(np.asarray(matrix, float))
         objects.append(SceneObject(name, (Part(mesh, local),), pose=pose, kind="mesh"))
@@ -107,11 +108,19 @@ def _scene(
 
 
 def _mesh(name: str, made: Any, faces: Any, materials: dict[str, Material]) -> Mesh:
-    """A mesh with the colour that most of it has, if it has one."""
-    names = []
-    if made.visual.defined:
+    """A mesh in the colours of its faces, if it has some, else in the one that most of it has."""
+    names: list[str] = []
+    slots = None
+    if made.visual.kind in ("face", "vertex"):
+        colors = np.asarray(made.visual.face_colors, float).reshape(-1, 4) / 255.0
+        if len(colors) == len(faces):
+            shades, slots = shaded(colors)
+            materials |= {shade.name: shade for shade in shades}
+            names = [shade.name for shade in shades]
+    elif made.visual.defined:
         r, g, b, a = (float(part) for part in made.visual.main_color)
         word = "#" + "".join(f"{int(part):02x}" for part in (r, g, b, a))
         materials.setdefault(word, Material(word, (r / 255.0, g / 255.0, b / 255.0, a / 255.0)))
         names.append(word)
-    return make_mesh(name, np.asarray(made.vertices, float), faces, materials=names)
+    points = np.asarray(made.vertices, float)
+    return make_mesh(name, points, faces, slots=slots, materials=names)

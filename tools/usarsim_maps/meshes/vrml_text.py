@@ -23,6 +23,12 @@ _TOKEN = re.compile(
     re.DOTALL,
 )
 _NAME = re.compile(r"[A-Za-z_]")
+STATEMENTS = {
+    "ROUTE": "ROUTE", "PROTO": "ProtoDeclare", "EXTERNPROTO": "ExternProtoDeclare",
+    "IMPORT": "IMPORT", "EXPORT": "EXPORT",
+}  # fmt: skip
+"""Statements that show nothing, and their elements in XML."""
+
 _VALUES = {"TRUE", "FALSE"}
 _DECLARED = {"field", "exposedField", "eventIn", "eventOut", "inputOutput", "initializeOnly",
              "inputOnly", "outputOnly"}  # fmt: skip
@@ -54,7 +60,11 @@ class _Parser:
         while self._next:
             if self._next in ("PROFILE", "COMPONENT", "META", "UNIT"):
                 self._statement(scene)
-            elif not self._skipped():
+            elif self._next in STATEMENTS:
+                # A node of the same name: it is left out, as that of XML is, and counted.
+                scene.children.append(Node(STATEMENTS[self._next], {}, self._line))
+                self._skipped()
+            else:
                 scene.children.append(self._node(1))
         return scene
 

@@ -7,10 +7,11 @@ those of DEF. What moves, asks or draws by itself (scripts, routes, prototypes) 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -26,7 +27,8 @@ from usarsim_maps.meshes.x3d_shapes import make_geometry
 from usarsim_maps.meshes.xml_text import Document, Node, read_xml
 from usarsim_maps.numbers import read_number, read_numbers
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Array, Material, Part, Scene, SceneObject
+from usarsim_maps.scene import Array, Material, Mesh, Opacity, Part, Scene, SceneObject
+from usarsim_maps.support import Support, SupportTable, support_table
 from usarsim_maps.units import affine, axis_turn
 from usarsim_server.errors import MapImportError, at
 
@@ -44,6 +46,27 @@ GROUPS = {
 }  # fmt: skip
 """Nodes whose children are simply there."""
 
+NODES = support_table(
+    read=" ".join(GROUPS)
+    + """
+        Appearance Box Color ColorRGBA Cone Coordinate CoordinateDouble Cylinder ElevationGrid
+        ImageTexture IndexedFaceSet IndexedQuadSet IndexedTriangleFanSet IndexedTriangleSet
+        IndexedTriangleStripSet Inline LOD Material PhysicalMaterial QuadSet Shape Sphere Switch
+        TextureCoordinate Transform TriangleFanSet TriangleSet TriangleStripSet UnlitMaterial unit
+    """,
+    left_out="""
+        Arc2D ArcClose2D AudioClip Background Circle2D DirectionalLight Disk2D EnvironmentLight
+        ExternProtoDeclare Extrusion Fog GeoElevationGrid GeoLocation GeoTransform
+        HAnimDisplacer HAnimSite IndexedLineSet LineSet MovieTexture MultiTexture
+        NavigationInfo NurbsPatchSurface NurbsSweptSurface OrientationInterpolator
+        ParticleSystem PixelTexture PointLight PointSet Polyline2D Polypoint2D
+        PositionInterpolator ProtoDeclare ProtoInstance ROUTE Rectangle2D RigidBody Script Sound
+        SpotLight Text TextureBackground TextureTransform TimeSensor TouchSensor TriangleSet2D
+        Viewpoint WorldInfo
+    """,
+)
+"""Nodes of X3D and VRML 2, and statements of the first."""
+
 _STRINGS = re.compile(r'"((?:[^"\\]|\\.)*)"')
 
 
@@ -54,6 +77,7 @@ class X3dReader(Reader):
     title = "X3D and VRML"
     extensions = (".wrl", ".vrml", ".x3d", ".x3dv")
     head = re.compile(rb"\A#(VRML|X3D)|<X3D")
+    support: ClassVar[Mapping[str, SupportTable]] = {"X3D and VRML nodes": NODES}
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""
@@ -101,6 +125,7 @@ class _X3dScene(SceneBuilder):
         self._names = _defined(document)
         self._materials: dict[str, Material] = {}
         self._looks: dict[int, str] = {}
+        self._shades: dict[str, Material] = {}  # plain ones in the colours of vertices
         self._visited = 0
         self._index: AssetIndex | None = None
         self._documents = [document]  # all stay: what is cached goes by the identity of nodes
@@ -155,7 +180,7 @@ class _X3dScene(SceneBuilder):
         elif node.tag == "Inline":
             self._inline(node, parent, name, depth)
         else:
-            self.findings.skip(node.tag)
+            self.findings.skip(node.tag, node.get("DEF") or node.get("name"))
 
     def _children(self, node: Node, matrix: Array, name: str, depth: int) -> None:
         for child in node.children:
@@ -192,13 +217,24 @@ class _X3dScene(SceneBuilder):
         if geometry is None:
             return
         find = partial(self._child, geometry)
-        mesh = self.mesh(id(geometry), lambda: make_geometry(self._document, geometry, find))
+
+        def make() -> Mesh | None:
+            made = make_geometry(self._document, geometry, find)
+            if made is None:
+                return None
+            self._shades |= {shade.name: shade for shade in made.shades}
+            return made.mesh
+
+        mesh = self.mesh(id(geometry), make)
         if mesh is None:
-            self.findings.skip(geometry.tag)
+            self.findings.skip(geometry.tag, geometry.get("DEF") or name)
             return
         pose, local = self.axes.place(matrix)
         look = self._look(self._child(node, "Appearance"))
-        part = Part(mesh, local, materials={0: look} if look else {})
+        materials = {0: look} if look else {}
+        if mesh.materials:
+            materials = {k: self._shade(look, word) for k, word in enumerate(mesh.materials)}
+        part = Part(mesh, local, materials=materials)
         word = node.get("DEF") or name or geometry.get("DEF") or geometry.tag
         self.findings.count("shape")
         self.objects.append(SceneObject(word, (part,), pose=pose, kind="shape"))
@@ -211,6 +247,17 @@ class _X3dScene(SceneBuilder):
                 return found
         return None
 
+    def _shade(self, look: str, word: str) -> str:
+        """A material in the colour of vertices, which replaces its own but not its picture."""
+        shade, base = self._shades[word], self._materials.get(look)
+        if base is not None and base.texture is not None:
+            return look
+        if base is not None:
+            color = (*shade.color[:3], shade.color[3] * base.color[3])
+            shade = replace(base, name=f"{look}_{word}", color=color)
+        self._materials[shade.name] = shade
+        return shade.name
+
     def _look(self, appearance: Node | None) -> str:
         """The name of the material of an appearance."""
         if appearance is None:
@@ -218,7 +265,10 @@ class _X3dScene(SceneBuilder):
         if id(appearance) not in self._looks:
             material = self._child(appearance, "Material", "UnlitMaterial", "PhysicalMaterial")
             texture = self._child(appearance, "ImageTexture")
-            color = (0.8, 0.8, 0.8, 1.0)
+            color, opacity = (0.8, 0.8, 0.8, 1.0), None
+            for child in appearance.children:
+                if NODES.get(self._meant(child).tag) is Support.LEFT_OUT:
+                    self.findings.skip(self._meant(child).tag, appearance.get("DEF"))
             if material is not None:
                 word = {"Material": "diffuseColor", "UnlitMaterial": "emissiveColor"}.get(
                     material.tag, "baseColor"
@@ -231,11 +281,17 @@ class _X3dScene(SceneBuilder):
                 found = (self.pictures.find(url) for url in _strings(texture.get("url")))
                 picture = next((path for path in found if path is not None), None)
                 color = (1.0, 1.0, 1.0, color[3])
+                mode = appearance.get("alphaMode").strip('"').upper()
+                if mode == "MASK":
+                    (cutoff,) = self._numbers(appearance, "alphaCutoff", (0.5,))
+                    opacity = Opacity(cutoff=cutoff)
+                elif mode != "OPAQUE":
+                    opacity = Opacity(blend=True)
             name = appearance.get("DEF") or (material.get("DEF") if material is not None else "")
             name = name or f"material{len(self._looks)}"
             while name in self._materials:
                 name += "-2"
-            self._materials[name] = Material(name, color, picture)
+            self._materials[name] = Material(name, color, picture, opacity=opacity)
             self._looks[id(appearance)] = name
         return self._looks[id(appearance)]
 

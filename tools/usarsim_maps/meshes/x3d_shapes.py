@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_maps.geometry import CORNERS, QUADS
 from usarsim_maps.meshes.polygons import Profile, half_circle, lathe, make_mesh, triangulate
+from usarsim_maps.meshes.vertex_colors import shaded
 from usarsim_maps.meshes.xml_text import Document, Node
-from usarsim_maps.scene import Array, Integers, Mesh
+from usarsim_maps.scene import Array, Integers, Material, Mesh
 
 Find = Callable[..., Node | None]
 
@@ -20,8 +22,16 @@ SIDES = 32
 CURE = "export it again, or as glTF"
 
 
-def make_geometry(document: Document, node: Node, child: Find) -> Mesh | None:
-    """The mesh of a geometry node in its own frame, with one material; None for other nodes.
+@dataclass(frozen=True, slots=True)
+class XShape:
+    """A geometry node as triangles."""
+
+    mesh: Mesh  # in the node's own frame; without materials, or with those of `shades`
+    shades: list[Material]  # plain ones in the colours that the node has for vertices or faces
+
+
+def make_geometry(document: Document, node: Node, child: Find) -> XShape | None:
+    """The triangles of a geometry node; None for other nodes.
 
     `child` finds the first of its children of some kinds. If a value makes no sense, a
     `MapImportError` has the line.
@@ -29,7 +39,8 @@ def make_geometry(document: Document, node: Node, child: Find) -> Mesh | None:
     maker = _MAKERS.get(node.tag)
     if maker is None:
         return None
-    points, polygons, uvs = maker(_Fields(document, node, child))
+    fields = _Fields(document, node, child)
+    points, polygons, uvs = maker(fields)
     if len(polygons) and (polygons.min() < -1 or polygons.max() >= len(points)):
         problem = f"{node.tag}: index {polygons.max()} of {len(points)} points"
         raise document.error(node, problem, CURE)
@@ -40,11 +51,18 @@ def make_geometry(document: Document, node: Node, child: Find) -> Mesh | None:
     triangles, _ = triangulate(points[ring], sizes[sizes > 0])
     if not len(triangles):
         return None
+    shades: list[Material] = []
+    slots = None
+    colors = fields.colors(ring, sizes[sizes > 0])
+    if colors is not None:
+        shades, slots = shaded(colors[triangles].mean(axis=1))
     if node.get("ccw").lower() == "false":
         triangles = triangles[:, ::-1]
     name = node.get("DEF") or node.tag
     coordinates = None if uvs is None else uvs[triangles]
-    return make_mesh(name, points, ring[triangles], uvs=coordinates)
+    names = [shade.name for shade in shades]
+    mesh = make_mesh(name, points, ring[triangles], uvs=coordinates, slots=slots, materials=names)
+    return XShape(mesh, shades)
 
 
 class _Fields:
@@ -95,6 +113,27 @@ class _Fields:
         found = self.child("TextureCoordinate")
         return None if found is None else self.floats("point", found, 2)
 
+    def colors(self, ring: Integers, sizes: Integers) -> Array | None:
+        """Colour (c, 3) of each corner; None if there are none, or too few.
+
+        There is a vertex number for each corner (c,), and a number of corners for each polygon.
+        """
+        found = self.child("Color", "ColorRGBA")
+        if found is None:
+            return None
+        rows = self.floats("color", found, 3 if found.tag == "Color" else 4)[:, :3]
+        order = self.integers("colorIndex")
+        if self.node.get("colorPerVertex").lower() == "false":
+            faces = order if len(order) else np.arange(len(sizes))
+            if len(faces) < len(sizes):
+                return None
+            chosen = np.repeat(faces[: len(sizes)], sizes)
+        else:
+            chosen = order[order >= 0] if len(order) else ring
+        if len(chosen) != len(ring) or chosen.min() < 0 or chosen.max() >= len(rows):
+            return None
+        return np.asarray(rows[chosen])
+
 
 Made = tuple[Array, Integers, Array | None]
 """Points (n, 3); vertex numbers of polygons, each ended by -1; texture coordinates per corner."""
@@ -122,6 +161,36 @@ def _triangle_set(fields: _Fields) -> Made:
     fits = uvs is not None and (not len(order) or 0 <= order.min() <= order.max() < len(uvs))
     corners = uvs[order] if fits and uvs is not None else None
     return points, _ended(order.reshape(-1, 3)), corners
+
+
+def _quads(fields: _Fields) -> Made:
+    """Four corners after the other."""
+    points = fields.points()
+    order = fields.integers("index") if fields.node.tag != "QuadSet" else np.arange(len(points))
+    return points, _ended(order[: len(order) // 4 * 4].reshape(-1, 4)), None
+
+
+def _chains(fields: _Fields) -> Made:
+    """Strips and fans: by their indices with -1 between them, or by their lengths."""
+    points, tag = fields.points(), fields.node.tag
+    if tag.startswith("Indexed"):
+        order = fields.integers("index")
+        ends = np.flatnonzero(order < 0)
+        chains = [chain[chain >= 0] for chain in np.split(order, ends)]
+    else:
+        sizes = fields.integers("stripCount" if "Strip" in tag else "fanCount")
+        chains = np.split(np.arange(len(points)), np.cumsum(np.maximum(sizes, 0)))
+    found = [np.zeros((0, 3), dtype=np.int64)]
+    for chain in chains:
+        if len(chain) < 3:
+            continue
+        rows = np.column_stack([chain[:-2], chain[1:-1], chain[2:]])
+        if "Fan" in tag:
+            rows[:, 0] = chain[0]
+        else:
+            rows[1::2] = rows[1::2][:, [1, 0, 2]]
+        found.append(rows)
+    return points, _ended(np.concatenate(found)), None
 
 
 def _box(fields: _Fields) -> Made:
@@ -177,7 +246,13 @@ _MAKERS: dict[str, Callable[[_Fields], Made]] = {
     "Cylinder": _cylinder,
     "ElevationGrid": _grid,
     "IndexedFaceSet": _face_set,
+    "IndexedQuadSet": _quads,
+    "IndexedTriangleFanSet": _chains,
     "IndexedTriangleSet": _triangle_set,
+    "IndexedTriangleStripSet": _chains,
+    "QuadSet": _quads,
     "Sphere": _sphere,
+    "TriangleFanSet": _chains,
     "TriangleSet": _triangle_set,
+    "TriangleStripSet": _chains,
 }
