@@ -17,7 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import ClassVar
 
-from usarsim_maps import gazebo, grids, meshes, unreal, usd
+from usarsim_maps import fbx, gazebo, grids, meshes, unreal, usd
 from usarsim_maps.files import AssetIndex, read_head
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Scene
@@ -27,7 +27,10 @@ from usarsim_server.files import ALLOW, Folders
 from usarsim_server.plugins import PluginTypes
 
 _MESHES = 'pip install "usarsim-server[meshes]"'
-PACKAGES = {"pxr": "pip install usd-core"} | dict.fromkeys(
+PACKAGES = {
+    "pxr": "pip install usd-core",
+    "ufbx": 'pip install "usarsim-server[fbx]"',
+} | dict.fromkeys(
     ("DracoPy", "lxml", "meshopt", "networkx", "trimesh"), _MESHES
 )
 """How to get an optional package."""
@@ -132,7 +135,7 @@ class Reader(ABC):
 
 
 TYPES: PluginTypes[Reader] = PluginTypes(
-    "map reader", Reader, (gazebo, grids, meshes, unreal, usd), GROUP
+    "map reader", Reader, (fbx, gazebo, grids, meshes, unreal, usd), GROUP
 )
 
 register = TYPES.register

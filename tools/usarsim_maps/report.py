@@ -55,6 +55,8 @@ class Report:
     def _lines(self) -> Iterator[str]:
         source = self.source
         state = " (assumed; check it, or give --scale)" if source["assumed"] else ""
+        if source.get("unit"):
+            state = f" ({source['unit']}; if things are too large or small, give --scale)"
         yield f"map        {source['path']} ({source['format']})"
         yield (
             f"scale      {source['units_per_metre']:g} units per metre{state}, {source['up']} up"
@@ -122,6 +124,7 @@ def make_report(scene: Scene, built: Built, findings: Findings, seconds: float) 
             "up": source.up,
             "mirrored": source.mirrored,
             "assumed": source.assumed,
+            "unit": source.unit,
         },
         extents=None if lower is None or upper is None else _triple(upper - lower),
         lower=None if lower is None else _triple(lower),

@@ -320,6 +320,8 @@ class Source:
     stated: bool = False
     """The format or the file says what its unit is, and the user did not replace it: a map of any
     size is believed."""
+    unit: str = ""
+    """What the file says its unit is, for people, where files are often wrong about it."""
     whole_map: bool = False
     """Files of this kind hold whole maps; others may be single things, and small."""
     files: tuple[Path, ...] = ()

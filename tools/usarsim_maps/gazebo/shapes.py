@@ -370,7 +370,10 @@ class Shapes:
         return mesh
 
     def _scene(self, path: Path) -> Scene | None:
-        """A mesh file, as Gazebo reads it: its unit counts, its axes do not (reference 7)."""
+        """A mesh file, as Gazebo reads it: its unit counts, its axes do not (reference 7).
+
+        Those of FBX count, for most of its files have y up and hold what stands upright.
+        """
         if path in self._scenes:
             return self._scenes[path]
         context = self.files.context
@@ -378,9 +381,12 @@ class Shapes:
         if path.suffix.lower() not in mesh_extensions():
             context.findings.warn(path.name, "this kind of mesh is not read; export it as glTF")
         else:
-            own = path.suffix.lower() in (".dae", ".glb", ".gltf")
+            kind = path.suffix.lower()
+            own = kind in (".dae", ".fbx", ".glb", ".gltf")
             options = ImportOptions(
-                scale=None if own else 1.0, up="Z", assets=context.options.assets
+                scale=None if own else 1.0,
+                up=None if kind == ".fbx" else "Z",
+                assets=context.options.assets,
             )
             try:
                 scene = read_scene(path, replace(context, options=options))

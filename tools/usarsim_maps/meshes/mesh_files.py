@@ -1,7 +1,7 @@
 """What readers of mesh files share: axes and units, pictures beside the file, names with a meaning.
 
-Names: objects called `UCX_Chair_01`, `UBX_...`, `USP_...` are collision hulls, boxes and balls of
-the object after the prefix (Unreal's rule for FBX, worlds reference 6). Empty nodes called
+Names: objects called `UCX_Chair_01`, `UBX_...`, `USP_...`, `UCP_...` are collision hulls, boxes,
+balls and capsules of the object after the prefix (Unreal's rule for FBX, worlds reference 6). Empty nodes called
 `PlayerStart...`, `RobotStart...`, `PathNode...`, `MaleVictim...` and `FemaleVictim...` are what
 they say; their x axis points forward.
 """
@@ -91,15 +91,23 @@ class Axes:
         return pose_of_matrix(affine(turn @ node[:3, :3] @ turn.T, self.linear @ node[:3, 3]))
 
 
-def axes_of(options: ImportOptions, up: str, unit: float = 1.0, *, stated: bool = True) -> Axes:
+def axes_of(
+    options: ImportOptions,
+    up: str,
+    unit: float = 1.0,
+    *,
+    stated: bool = True,
+    turn: Array | None = None,
+) -> Axes:
     """Axes of a file, whose user has the last word.
 
     `up` is the axis that the file, or its format's custom, has upwards, `unit` is in metres;
-    `stated`: file or format say what the units are.
+    `stated`: file or format say what the units are; `turn` (3, 3) takes the file's axes into the
+    world's where the file says more about them than which one is upwards.
     """
     scale = options.scale or 1.0 / unit
+    linear = (axis_matrix(options.up or up) if turn is None or options.up else turn) / scale
     up = options.up or up
-    linear = axis_matrix(up) / scale
     if options.mirror:
         linear = MIRROR @ linear
     own = options.scale is None
@@ -200,6 +208,7 @@ _PREFIXES = {
     "mcdcx_": Collision.HULL,
     "ubx_": Collision.BOX,
     "usp_": Collision.SPHERE,
+    "ucp_": Collision.HULL,  # a capsule, whose mesh is convex
 }
 
 

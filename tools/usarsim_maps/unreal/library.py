@@ -19,8 +19,9 @@ from usarsim_server.errors import MapImportError, at
 EXTENSIONS = (".upk", ".udk", ".u")
 """Of packages that may hold meshes."""
 
-IN_MAP_UNITS = (".t3d", ".ase", ".obj", ".stl", ".ply", ".off", ".psk", ".pskx")
-"""Mesh files that hold lengths in the units of the map they belong to."""
+IN_MAP_UNITS = (".t3d", ".ase", ".fbx", ".obj", ".stl", ".ply", ".off", ".psk", ".pskx")
+"""Mesh files that hold lengths in the units of the map they belong to, whatever they say: those of
+FBX say centimetres and mean Unreal units."""
 
 
 def as_error(source: Path, error: PackageError, where: str = "") -> MapImportError:

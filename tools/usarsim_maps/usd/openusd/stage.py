@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-import signal
-import subprocess
 import sys
 import zipfile
 from collections.abc import Iterable, Iterator
@@ -15,6 +13,7 @@ from typing import Any
 
 from pxr import Ar, Tf, Usd, UsdGeom, UsdUtils
 
+from usarsim_maps.apart import run_apart
 from usarsim_maps.files import MAX_BYTES, check_size, read_bytes, read_head
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import Context
@@ -26,8 +25,6 @@ MAX_ENTRIES = 20_000
 
 BINARY = b"PXR-USDC"
 TRIAL = Path(__file__).with_name("trial.py")
-PATIENCE, SPEED = 30.0, 2e6
-"""s to start the library, and bytes per second it reads even on a busy machine."""
 
 MAX_RESOURCE = 256 << 20
 """Bytes of a picture inside an archive."""
@@ -81,18 +78,8 @@ def try_out(source: Path, context: Context) -> None:
         return
     folders = context.options.assets
     command = [sys.executable, str(TRIAL), str(source), *map(str, folders)]
-    seconds = PATIENCE + source.stat().st_size / SPEED
     cure = "the file is damaged; export it again, or as .usda"
-    try:
-        done = subprocess.run(
-            command, timeout=seconds, check=False, stdin=subprocess.DEVNULL, capture_output=True
-        )
-    except subprocess.TimeoutExpired:
-        problem = f"the USD library has not read it within {seconds:.0f} s"
-        raise MapImportError(at(source, problem, cure)) from None
-    if done.returncode < 0:
-        name = signal.Signals(-done.returncode).name
-        raise MapImportError(at(source, f"the USD library crashes on it ({name})", cure))
+    done = run_apart(command, source, "USD", cure, source.stat().st_size)
     try:
         named = json.loads(done.stdout or b"[]")
     except ValueError:
