@@ -14,6 +14,7 @@ from pathlib import Path
 import gltf_samples
 import mesh_samples as samples
 import numpy as np
+from fbx_samples import FbxFile
 from lzo_fixture import lzo_pack
 from mesh_samples import FACES, WEDGE
 from PIL import Image
@@ -397,3 +398,20 @@ def usd() -> list[bytes]:
         b"        double3 xformOp:translate = (1, 2, 3)\n"
         b'        uniform token[] xformOpOrder = ["xformOp:translate"]\n    }\n}\n'
     ]
+
+
+def fbx() -> list[bytes]:
+    """A block and a start, in one binary file: each input takes a process."""
+    return [_fbx_file().binary(packed=True)]
+
+
+def fbx_text() -> list[bytes]:
+    """The same as text."""
+    return [_fbx_file().text6(), _fbx_file().text7()]
+
+
+def _fbx_file() -> FbxFile:
+    file = FbxFile()
+    file.mesh("Block", size=100.0)
+    file.model("PlayerStart")
+    return file

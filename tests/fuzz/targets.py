@@ -28,6 +28,7 @@ for _folder in (HERE, HERE.parent / "maps", HERE.parent / "robots"):
 
 import seeds  # noqa: E402
 
+from usarsim_maps.fbx.library.text import check_text, plain_text  # noqa: E402
 from usarsim_maps.numbers import read_numbers  # noqa: E402
 from usarsim_maps.reader import Context, ImportOptions, find_reader  # noqa: E402
 from usarsim_maps.reader import read_scene as read_map  # noqa: E402
@@ -325,5 +326,19 @@ add_reader("picture", "map.png", seeds.picture)
 add_reader("mresim", "map.txt", seeds.mresim)
 if importlib.util.find_spec("pxr") is not None:
     add_reader("usd", "map.usda", seeds.usd)
+
+
+@target(seeds.fbx_text, linear=True)
+def fbx_text(data: bytes) -> None:
+    """FBX as text, before the library sees it."""
+    for closely in (False, True):
+        try:
+            check_text(Path("map.fbx"), plain_text(data), closely=closely)
+        except MapImportError as error:
+            told(error)
+
+
+if importlib.util.find_spec("ufbx") is not None:
+    add_reader("fbx", "map.fbx", seeds.fbx)
 if importlib.util.find_spec("trimesh") is not None:
     add_reader("off", "map.off", seeds.off)

@@ -16,9 +16,7 @@ from typing import Any
 Point = tuple[float, float, float]
 
 X, Y, Z = 0, 1, 2
-CUBE_POINTS: list[Point] = [
-    (x, y, z) for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)
-]
+CUBE_POINTS: list[Point] = [(x, y, z) for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)]
 CUBE_FACES = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
 
 
@@ -103,7 +101,8 @@ def mesh_nodes(
                 dom("Version", 101), dom("Name", "one"),
                 dom("MappingInformationType", "ByPolygonVertex"),
                 dom("ReferenceInformationType", "IndexToDirect"),
-                dom("Colors" if word == "Color" else "UV", [float(x) for row in values for x in row]),
+                dom("Colors" if word == "Color" else "UV",
+                    [float(value) for row in values for value in row]),
                 dom(numbers, list(range(len(values)))),
             ])
         )  # fmt: skip
@@ -212,26 +211,42 @@ class FbxFile:
                    if owner is thing and owned.kind in ("Geometry", "NodeAttribute")]  # fmt: skip
             properties = [*thing.properties, *(p for one in own for p in one.properties)]
             nodes = [node for one in own for node in one.inside]
+            if self._textures(thing):
+                nodes.append(
+                    dom("LayerElementTexture", 0, inside=[
+                        dom("Version", 101), dom("Name", "one"),
+                        dom("MappingInformationType", "AllSame"),
+                        dom("ReferenceInformationType", "IndexToDirect"),
+                        dom("BlendMode", "Translucent"), dom("TextureAlpha", 1),
+                        dom("TextureId", [0]),
+                    ])
+                )  # fmt: skip
+                nodes.append(
+                    dom("Layer", 1, inside=[
+                        dom("Version", 100),
+                        dom("LayerElement", inside=[
+                            dom("Type", "LayerElementTexture"), dom("TypedIndex", 0),
+                        ]),
+                    ])
+                )  # fmt: skip
             inside.append(
                 dom(thing.kind, f"{thing.kind}::{thing.name}", thing.sub, inside=[
                     dom("Version", 232), _properties(properties, "60"), *thing.inside, *nodes,
                 ])
             )  # fmt: skip
         inside.append(dom("GlobalSettings", inside=[dom("Version", 1000), self._global("60")]))
-        links = [
-            dom("Connect", "OO", f"{one.kind}::{one.name}",
-                "Model::Scene" if other is None else f"{other.kind}::{other.name}")
-            for one, other, _ in self.links
-            if one.kind not in ("Geometry", "NodeAttribute")
-        ]  # fmt: skip
-        links = [
+        links = []
+        for one, other, _ in self.links:
+            if one.kind in ("Geometry", "NodeAttribute"):
+                continue
             # Textures hang on nodes there.
-            dom("Connect", "OO", link.values[1], f"Model::{owner.name}")
-            for link in links
-            if str(link.values[1]).startswith("Texture::")
-            for one, owner, _ in self.links
-            if owner is not None and f"Material::{one.name}" == link.values[2]
-        ] + [link for link in links if not str(link.values[1]).startswith("Texture::")]
+            owners = [owner for material, owner, _ in self.links if material is other] \
+                if one.kind == "Texture" else [other]  # fmt: skip
+            links += [
+                dom("Connect", "OO", f"{one.kind}::{one.name}",
+                    "Model::Scene" if owner is None else f"{owner.kind}::{owner.name}")
+                for owner in owners
+            ]  # fmt: skip
         takes = dom("Takes", inside=[dom("Current", "")])
         nodes = [_header(6100), dom("Objects", inside=inside), dom("Connections", inside=links)]
         lines = ["; FBX 6.1.0 project file", *_text([*nodes, takes], "", old=True)]
@@ -284,6 +299,12 @@ class FbxFile:
             "binary 7.5": self.binary(7500),
             "binary 7.7": self.binary(7700, packed=True),
         }
+
+    def _textures(self, model: Fbx) -> list[Fbx]:
+        """Of the materials of a node."""
+        materials = [one for one, owner, _ in self.links if owner is model]
+        return [one for one, owner, _ in self.links if one.kind == "Texture"
+                and any(owner is other for other in materials)]  # fmt: skip
 
     def _global(self, version: str) -> Dom:
         return _properties([prop(name, value) for name, value in self.settings.items()], version)

@@ -11,6 +11,7 @@ import pytest
 from mesh_samples import read, survives
 from mesh_samples import refused as told
 
+from usarsim_maps import apart
 from usarsim_maps.convert import Request, import_map
 from usarsim_server.cli import main
 from usarsim_server.errors import MapImportError
@@ -169,6 +170,6 @@ class TestDamage:
 
         (tmp_path / "trial.py").write_text(program)
         monkeypatch.setattr(stage, "TRIAL", tmp_path / "trial.py")
-        monkeypatch.setattr(stage, "PATIENCE", patience)
+        monkeypatch.setattr(apart, "PATIENCE", patience)
         (tmp_path / "a.usdc").write_bytes(b"PXR-USDC" + bytes(100))
         assert reason in told(tmp_path / "a.usdc")

@@ -30,9 +30,7 @@ _MESHES = 'pip install "usarsim-server[meshes]"'
 PACKAGES = {
     "pxr": "pip install usd-core",
     "ufbx": 'pip install "usarsim-server[fbx]"',
-} | dict.fromkeys(
-    ("DracoPy", "lxml", "meshopt", "networkx", "trimesh"), _MESHES
-)
+} | dict.fromkeys(("DracoPy", "lxml", "meshopt", "networkx", "trimesh"), _MESHES)
 """How to get an optional package."""
 
 GROUP = "usarsim_maps.readers"

@@ -7,9 +7,10 @@ The library is optional: `pip install usarsim-server[fbx]`. It runs in a process
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -26,8 +27,8 @@ from usarsim_maps.meshes.polygons import make_mesh, triangulate
 from usarsim_maps.meshes.vertex_colors import shaded
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Array, LightKind, Material, Mesh, Part, Scene, SceneObject
-from usarsim_maps.support import Support, support_table
-from usarsim_maps.units import affine, matrix_of_pose
+from usarsim_maps.support import Support, SupportTable, support_table
+from usarsim_maps.units import MIRROR, affine, matrix_of_pose
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import is_regular
 
@@ -35,11 +36,13 @@ SMALLEST, LARGEST = 1e-6, 1e6
 """Metres per unit that are believed."""
 
 ATTRIBUTES = {
-    0: "Unknown", 2: "Mesh", 3: "Light", 4: "Camera", 5: "Skeleton", 6: "Null", 7: "Line",
-    8: "NurbsCurve", 9: "NurbsSurface", 10: "TrimNurbsSurface", 11: "Boundary",
-    12: "ProceduralGeometry", 13: "CameraStereo", 14: "CameraSwitcher", 15: "Marker", 16: "LODGroup",
+    "Mesh": "Mesh", "Light": "Light", "Camera": "Camera", "Bone": "Skeleton", "Empty": "Null",
+    "LineCurve": "Line", "NurbsCurve": "NurbsCurve", "NurbsSurface": "NurbsSurface",
+    "NurbsTrimSurface": "TrimNurbsSurface", "NurbsTrimBoundary": "Boundary",
+    "ProceduralGeometry": "ProceduralGeometry", "StereoCamera": "CameraStereo",
+    "CameraSwitcher": "CameraSwitcher", "Marker": "Marker", "LodGroup": "LODGroup",
 }  # fmt: skip
-"""What hangs on nodes, by the library's number; names are those of the format's own library."""
+"""What hangs on nodes, by the library's name; that of the format's own library."""
 
 ATTRIBUTE_SUPPORT = support_table(
     read="LODGroup Light Mesh Null Skeleton",
@@ -60,7 +63,8 @@ OTHERS = {
 }  # fmt: skip
 """Objects by the library's list."""
 
-SHAPES = {0: LightKind.POINT, 1: LightKind.DIRECTIONAL, 2: LightKind.SPOT}
+SPOT = 2
+SHAPES = {0: LightKind.POINT, 1: LightKind.DIRECTIONAL, SPOT: LightKind.SPOT}
 """Of lamps by the library's number; areas and volumes shine as points."""
 
 UNSAID = {0, 1, 4, 9, 12}
@@ -76,7 +80,10 @@ class FbxReader(Reader):
     title = "FBX"
     extensions = (".fbx",)
     head = re.compile(rb"\AKaydara FBX Binary|\A\s*; FBX \d|(?:\A|\n)FBXHeaderExtension:")
-    support = {"FBX node attributes": ATTRIBUTE_SUPPORT, "FBX objects": OBJECT_SUPPORT}
+    support: ClassVar[Mapping[str, SupportTable]] = {
+        "FBX node attributes": ATTRIBUTE_SUPPORT,
+        "FBX objects": OBJECT_SUPPORT,
+    }
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""
@@ -222,7 +229,8 @@ class _FbxWorld(SceneBuilder):
         as_node = (turn @ matrix[:3, :3])[2, 2]
         if as_node <= as_file + 1e-6 * size:
             return matrix
-        return affine(matrix[:3, :3] @ turn, matrix[:3, 3])
+        proper = turn if np.linalg.det(turn) > 0.0 else MIRROR @ turn
+        return affine(matrix[:3, :3] @ proper, matrix[:3, 3])
 
     def _show(self, node: FbxNode, mesh: FbxMesh) -> bool:
         """Add an object; whether there is anything of it."""
@@ -274,7 +282,7 @@ class _FbxWorld(SceneBuilder):
             matrix,
             values[:3].clip(0.0, 1.0).tolist(),
             brightness=min(1.0, float(values[6])),
-            cone=min(90.0, max(1.0, float(values[7]) / 2.0)),
+            cone=min(90.0, max(1.0, float(values[7]) / 2.0)) if lamp.kind == SPOT else 45.0,
             shadows=lamp.shadows,
         )
 
@@ -288,8 +296,8 @@ class _FbxWorld(SceneBuilder):
         for name, weight in self._file.shapes:
             if weight == 0.0:
                 self.findings.skip("BlendShape of no weight", name)
-        for kind, text in self._file.warnings:
-            if kind not in UNSAID:
+        for number, text in self._file.warnings:
+            if number not in UNSAID:
                 self.findings.warn(self.path.name, f"the FBX library notes: {text}"[:200])
         if any(mesh.smooth for mesh in self._file.meshes):
             text = "subdivision surfaces are shown as their cages"

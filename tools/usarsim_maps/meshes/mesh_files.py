@@ -1,9 +1,9 @@
 """What readers of mesh files share: axes and units, pictures beside the file, names with a meaning.
 
 Names: objects called `UCX_Chair_01`, `UBX_...`, `USP_...`, `UCP_...` are collision hulls, boxes,
-balls and capsules of the object after the prefix (Unreal's rule for FBX, worlds reference 6). Empty nodes called
-`PlayerStart...`, `RobotStart...`, `PathNode...`, `MaleVictim...` and `FemaleVictim...` are what
-they say; their x axis points forward.
+balls and capsules of the object after the prefix (Unreal's rule for FBX, worlds reference 6). Empty
+nodes called `PlayerStart...`, `RobotStart...`, `PathNode...`, `MaleVictim...` and
+`FemaleVictim...` are what they say; their x axis points forward.
 """
 
 from __future__ import annotations

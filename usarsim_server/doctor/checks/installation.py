@@ -65,6 +65,9 @@ PACKAGES = (
         "maps of Unreal 4 and 5 (.usd, .usda, .usdc, .usdz) cannot be imported",
         optional=True,
     ),
+    Package(
+        "ufbx", "ufbx", "ufbx>=0.0.5", "maps and meshes in FBX cannot be imported", optional=True
+    ),
     Package("trimesh", "trimesh", "trimesh>=4.5", _MESHES, optional=True),
     Package("lxml", "lxml.etree", "lxml>=5", _MESHES, optional=True),
     Package("networkx", "networkx", "networkx>=3", _MESHES, optional=True),

@@ -38,7 +38,11 @@ MEMORY, MEMORY_PER_BYTE = 3 << 30, 12
 """Bytes that the library may take, and how many more for each byte of the file."""
 
 CHILD = Path(__file__).with_name("child.py")
-TYPES = {"<f8": np.dtype("<f8"), "<u4": np.dtype("<u4"), "u1": np.dtype("u1")}
+TYPES: dict[str, np.dtype[Any]] = {
+    "<f8": np.dtype("<f8"),
+    "<u4": np.dtype("<u4"),
+    "u1": np.dtype("u1"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +51,7 @@ class FbxNode:
 
     name: str  # as in the file
     parent: int | None  # its number
-    attributes: tuple[tuple[int, int], ...]  # type, and number among those of this type
+    attributes: tuple[tuple[str, int], ...]  # type, and number among those of this type
     visible: bool  # itself
     inherits: bool  # it is hidden where its parent is
     matrix: Array  # of its own frame
@@ -217,15 +221,16 @@ class _Blobs:
 
     def array(self, told: Any) -> NDArray[Any]:
         """An array by its number, type and length in bytes."""
-        number, kind, length = told
-        kind = TYPES[kind]
+        number, name, length = told
+        kind = TYPES[name]
         if number != len(self._starts) - 1 or not 0 <= length <= len(self._content):
             raise ValueError
         start = self._starts[number]
         if start + length > len(self._content):
             raise ValueError
         self._starts.append(start + length)
-        return np.frombuffer(self._content[start : start + length], kind)
+        found: NDArray[Any] = np.frombuffer(self._content[start : start + length], kind)
+        return found
 
     def attribute(self, told: Any, width: int) -> tuple[Array, Integers]:
         """Values (n, width), and the number of the value of each corner."""
@@ -247,6 +252,8 @@ def _scene(blobs: _Blobs, told: Mapping[str, Any]) -> FbxScene:
         if node.parent is not None and not 0 <= node.parent < number:
             raise ValueError
         _within(materials, node.materials)
+        for kind, things in (("Mesh", meshes), ("Light", lights)):
+            _within(things, [number for what, number in node.attributes if what == kind])
     for mesh in meshes:
         _within(materials, mesh.materials)
     _within(textures, [one.texture for one in materials if one.texture is not None])
@@ -300,7 +307,7 @@ def _node(told: Mapping[str, Any]) -> FbxNode:
     return FbxNode(
         name=str(told["name"]),
         parent=None if told["parent"] is None else int(told["parent"]),
-        attributes=tuple((int(kind), int(number)) for kind, number in told["attributes"]),
+        attributes=tuple((str(kind), int(number)) for kind, number in told["attributes"]),
         visible=bool(told["visible"]),
         inherits=bool(told["inherits"]),
         matrix=_matrix(told["matrix"]),

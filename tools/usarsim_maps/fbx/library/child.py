@@ -1,13 +1,13 @@
 """Reads an FBX file from standard input with the library ufbx, as a program of its own.
 
-The library's Python objects are released more often than they are taken: whatever drops one, crashes.
+The library's Python objects are released more often than they are taken: what drops one may crash.
 So every object is kept in one list, arrays are copied, and the program leaves without tidying up.
 It runs without site packages and stands alone, so that it starts fast; `answer.py` runs it and says
 what the answer means.
 
 Arguments: the folder of the library, then as JSON the limits: bytes of `memory` and of the
-`answer`, `seconds` of processor time, `nodes`, `depth` and `triangles`. The answer: `MAGIC`, 8 bytes
-with the length of a text of JSON, the text, then all arrays one after the other.
+`answer`, `seconds` of processor time, `nodes`, `depth` and `triangles`. The answer: `MAGIC`, 8
+bytes with the length of a text of JSON, the text, then all arrays one after the other.
 """
 
 from __future__ import annotations
@@ -176,9 +176,12 @@ class _Scene:
         }
 
     def _node(self, node: Any) -> dict[str, Any]:
-        attributes = [[int(a.type), a.typed_id] for a in self._each(self._get(node, "all_attribs"))]
+        # Lamps and markers have a `type` of their own.
+        found = list(self._each(self._get(node, "all_attribs")))
+        attributes = [[type(one).__name__, one.typed_id] for one in found]
         parent = self._get(node, "parent")
         props = self._get(node, "props")
+        facts = [self._get(one, "props") for one in (node, *found)]  # those of 6.1 are there
         inherits = self._keep(props.find_prop("Visibility Inheritance"))
         return {
             "name": node.name,
@@ -189,16 +192,14 @@ class _Scene:
             "matrix": [*map(list, node.node_to_world)],
             "geometry": [*map(list, node.geometry_to_world)],
             "materials": [one.typed_id for one in self._each(self._get(node, "materials"))],
-            "facts": self._facts(props),
+            "facts": {name: value for one in reversed(facts) for name, value in self._facts(one)},
         }
 
-    def _facts(self, props: Any) -> dict[str, Any]:
-        facts = {}
+    def _facts(self, props: Any) -> Iterator[tuple[str, Any]]:
         for name in FACTS:
             prop = self._keep(props.find_prop(name))
             if prop is not None:
-                facts[name] = prop.value_str or prop.value_vec4.x
-        return facts
+                yield name, prop.value_str or prop.value_vec4.x
 
     def _mesh(self, mesh: Any) -> dict[str, Any]:
         bent = any(
@@ -270,7 +271,8 @@ class _Scene:
 
     def _kind(self, thing: Any) -> list[str]:
         """Name of an element, and what it is where only the file knows that."""
-        return [thing.name, str(getattr(thing, "sub_type", "") or getattr(thing, "super_type", ""))]
+        words = (getattr(thing, name, "") for name in ("sub_type", "super_type"))
+        return [thing.name, next((word for word in words if word), "")]
 
 
 if __name__ == "__main__":

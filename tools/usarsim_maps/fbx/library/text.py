@@ -1,7 +1,7 @@
 """FBX as text: brought into UTF-8 for the library, and looked through for what it does not tell.
 
-The library reads a file that ends between two sections, or after a bracket too many, without a word,
-and where text is faulty it does not say in which line.
+The library reads a file that ends between two sections, or after a bracket too many, without a
+word, and where text is faulty it does not say in which line.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MAX_DEPTH = 200
 """Brackets within brackets; exporters need some ten."""
 
 _PLAIN = b"0123456789.,+-eE \t\n"
-_TOKEN = re.compile(rb'"[^"]*"|"|[{}:,]|;.*|[^\s{}:,";]+')
+_TOKEN = re.compile(rb'"[^"]*(?:"|$)|[{}:,]|;.*|[^\s{}:,";]+')
 _LIST = re.compile(rb"\s*(\w+):(?=[^:{}\"]*$)")
 _ARRAYS = frozenset(
     b"a Vertices PolygonVertexIndex Edges Normals Binormals Tangents UV UVIndex Colors ColorIndex "
@@ -114,9 +114,7 @@ class _Scan:
 
     def _begin(self, name: bytes) -> None:
         """A node of this name."""
-        if not self._inside:
-            self._top.add(name)
-        elif self._inside == [b"Objects"] and name in (b"Model", b"Geometry"):
+        if self._inside == [b"Objects"] and name in (b"Model", b"Geometry"):
             self._shows_something = True
         self._name, self._state = name, _State.NAME
 
@@ -124,12 +122,13 @@ class _Scan:
         """A line of nothing but numbers and commas."""
         if not line:
             return
-        first_comma = line.startswith(b",") and self._state is _State.COMMA
-        if self._state is _State.BRACKET or first_comma or b",," in line:
+        if self._state is _State.BRACKET:
             raise self._out_of_place(line.partition(b",")[0] or b",")
-        if self._closely:
-            for word in line.strip(b",").split(b","):
-                self._check_number(word.strip())
+        if b",," in line or (line.startswith(b",") and self._state is _State.COMMA):
+            raise self._wrong("a comma after a comma")
+        words = line.strip(b",").split(b",") if self._closely and line != b"," else []
+        for word in words:
+            self._check_number(word.strip())
         self._state = _State.COMMA if line.endswith(b",") else _State.VALUE
 
     def _check_number(self, word: bytes) -> None:
@@ -149,6 +148,8 @@ class _Scan:
                 case b"{":
                     if self._state is _State.BRACKET:
                         raise self._out_of_place(token)
+                    if not self._inside:
+                        self._top.add(self._name)
                     self._inside.append(self._name)
                     self._state = _State.BRACKET
                     if len(self._inside) > MAX_DEPTH:
@@ -167,9 +168,9 @@ class _Scan:
                 case _ if first != b'"' and tokens[number + 1 : number + 2] == [b":"]:
                     self._begin(token)
                 case _:
-                    if self._state is _State.BRACKET:
+                    if self._state in (_State.BRACKET, _State.VALUE):
                         raise self._out_of_place(token)
-                    if self._name in _ARRAYS and first not in (b"*", b'"'):
+                    if self._name in _ARRAYS and first != b"*":
                         self._check_number(token)
-                    self._quoted = token == b'"'
+                    self._quoted = first == b'"' and (len(token) == 1 or token[-1:] != first)
                     self._state = _State.VALUE
