@@ -28,7 +28,7 @@ from usarsim_maps.meshes.vertex_colors import shaded
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Array, LightKind, Material, Mesh, Part, Scene, SceneObject
 from usarsim_maps.support import Support, SupportTable, support_table
-from usarsim_maps.units import MIRROR, affine, matrix_of_pose
+from usarsim_maps.units import MIRROR, affine
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import is_regular
 
@@ -237,9 +237,8 @@ class _FbxWorld(SceneBuilder):
         made = self.mesh(id(mesh), lambda: self._made(mesh))
         if made is None:
             return False
-        pose = self.axes.pose(node.matrix)
-        place = node.geometry if mesh.local else np.eye(4)
-        local = matrix_of_pose(pose.inverse()) @ affine(self.axes.linear) @ place
+        shape = node.geometry if mesh.local else np.eye(4)
+        pose, local = self.axes.place(node.matrix, shape)
         own = {}
         if mesh.materials and node.materials != mesh.materials:
             own = {slot: self._names[n] for slot, n in enumerate(node.materials)}
@@ -367,10 +366,7 @@ class _FbxWorld(SceneBuilder):
         return next((path for path in paths if path is not None and is_regular(path)), paths[0])
 
     def _opacity(self, name: str, found: FbxMaterial) -> float:
-        """Opacity of a material: by `Opacity`, else one less what passes.
-
-        Wholly clear is opaque: there are programs that write one for the other.
-        """
+        """Opacity of a material: by `Opacity`, else one less what passes."""
         if found.cut_out:
             text = f"{name}: where its picture is clear it is solid here, and seen"
             self.findings.warn(self.path.name, text)
@@ -380,11 +376,7 @@ class _FbxWorld(SceneBuilder):
             if found.clear_factor is not None:
                 passes = found.clear_factor * (1.0 if found.clear is None else passes)
             told = 1.0 - passes
-        opacity = float(np.nan_to_num(np.clip(told, 0.0, 1.0), nan=1.0))
-        if opacity < 0.01:
-            self.findings.warn(self.path.name, f"{name} would be wholly clear; it is opaque here")
-            return 1.0
-        return opacity
+        return float(np.nan_to_num(np.clip(told, 0.0, 1.0), nan=1.0))
 
 
 def _level(name: str) -> int:

@@ -79,6 +79,11 @@ PACKAGES = (
         optional=True,
     ),
     Package(
+        *("meshopt", "meshopt", "meshopt>=0.1"),
+        "glTF compressed by meshopt cannot be imported",
+        optional=True,
+    ),
+    Package(
         *("scipy", "scipy", "scipy>=1.15"),
         "studies of operators and runs of exploration cannot be analysed",
         optional=True,
