@@ -211,9 +211,9 @@ class _Mesh:
                 case "POSITION" if points is None:
                     vertex, points = offset, self._source(entry)
                 case "TEXCOORD" if uvs is None or entry.get("set") == "0":
-                    texture, uvs = offset, self._look_source(entry)
+                    texture, uvs = offset, self._look_source(entry, "pictures")
                 case "COLOR" if colors is None:
-                    shade, colors = offset, self._look_source(entry)
+                    shade, colors = offset, self._look_source(entry, "colours")
         if vertex is None or points is None or points.shape[1] < 3:
             self._findings.warn(
                 self._document.path.name, f"line {primitive.line}: {primitive.tag} without places"
@@ -233,12 +233,12 @@ class _Mesh:
             self._points[key] = found if self._bend is None else self._bend(found)
         return self._points[key]
 
-    def _look_source(self, entry: Node) -> Array | None:
-        """Texture coordinates or colours; None, and a note, if they cannot be had."""
+    def _look_source(self, entry: Node, what: str) -> Array | None:
+        """Texture coordinates or colours; None, and a note of what is lost, if they cannot be had."""
         try:
             return self._source(entry)
         except MapImportError as error:
-            self._findings.warn(self._document.path.name, f"{error}; its looks are left out")
+            self._findings.warn(self._document.path.name, f"{error}; its {what} are left out")
             return None
 
     def _source(self, entry: Node) -> Array:
