@@ -31,8 +31,8 @@ MODEL = support_table(
     left_out="allow_auto_disable enable_wind gripper model_state plugin self_collide",
 )
 LINK = support_table(
-    read="collision frame inertial kinematic light pose visual",
-    left_out="audio_sink audio_source battery enable_wind gravity must_be_base_link "
+    read="collision inertial kinematic light pose visual",
+    left_out="audio_sink audio_source battery enable_wind frame gravity must_be_base_link "
     "particle_emitter projector self_collide sensor velocity_decay",
 )
 INERTIAL = support_table(
@@ -40,12 +40,12 @@ INERTIAL = support_table(
     left_out="auto_inertia_params density fluid_added_mass frame inertia pose",
 )
 VISUAL = support_table(
-    read="frame geometry material pose transparency",
-    left_out="cast_shadows laser_retro meta plugin visibility_flags",
+    read="geometry material pose transparency",
+    left_out="cast_shadows frame laser_retro meta plugin visibility_flags",
 )
 COLLISION = support_table(
-    read="frame geometry pose surface",
-    left_out="auto_inertia_params density laser_retro max_contacts",
+    read="geometry pose surface",
+    left_out="auto_inertia_params density frame laser_retro max_contacts",
 )
 SURFACE = support_table(read="contact friction", left_out="bounce soft_contact")
 FRICTION = support_table(read="ode", left_out="bullet torsional")
@@ -68,13 +68,13 @@ MATERIAL = support_table(
     left_out="double_sided emissive lighting render_order shader shininess specular",
 )
 LIGHT = support_table(
-    read="attenuation cast_shadows diffuse direction frame intensity light_on pose spot",
-    left_out="specular visualize",
+    read="attenuation cast_shadows diffuse direction intensity light_on pose spot",
+    left_out="frame specular visualize",
 )
 JOINT = support_table(
-    read="child frame parent pose",
-    left_out="axis axis2 gearbox_ratio gearbox_reference_body physics screw_thread_pitch sensor "
-    "thread_pitch",
+    read="child parent pose",
+    left_out="axis axis2 frame gearbox_ratio gearbox_reference_body physics screw_thread_pitch "
+    "sensor thread_pitch",
 )
 POPULATION = support_table(
     read="box cylinder distribution include model model_count pose",
@@ -172,7 +172,7 @@ _USUAL = {
     "allow_auto_disable": {"1", "true"},
     "max_contacts": {"10", "20"},
 }
-"""Values that change nothing here, beside 0 and false: they hold in any case."""
+"""Values that hold in any case; of other elements these are none at all, false and zeros."""
 
 
 @dataclass(slots=True)
@@ -207,10 +207,12 @@ class Elements:
 
 
 def _says_nothing(node: Node) -> bool:
-    """Whether an element states what holds without it; so do zeros, also several."""
+    """Whether an element states what holds without it."""
     if node.children or node.get("name"):
         return False
     word = node.text.lower()
-    if word and not word.strip("0.- \t\n"):
-        return True
-    return not (word or node.attributes) or word in {"0", "false"} | _USUAL.get(node.tag, set())
+    if node.tag in _USUAL:
+        return word in _USUAL[node.tag]
+    if not word:
+        return not node.attributes
+    return word == "false" or not word.strip("0.- \t\r\n")

@@ -167,7 +167,7 @@ class Looks:
         plain = self.materials.get(name, Material("neutral", NEUTRAL))
         r, g, b, a = plain.color
         label = f"{plain.name}-{opacity:.2f}"
-        return self.add(replace(plain, name=label, color=(r, g, b, a * opacity)))
+        return self.add(replace(plain, name=label, color=(r, g, b, a * opacity), meant=True))
 
     def add(self, material: Material, stem: str = "") -> str:
         """Enter a material; where its name is taken it gets another one, with the stem behind."""
