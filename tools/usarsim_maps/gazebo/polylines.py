@@ -108,20 +108,25 @@ def _is_same(one: Outline, other: Outline) -> bool:
 
 def _is_inside(inner: Outline, outer: Outline) -> bool:
     """Whether most corners and middles of sides of an outline lie in another one."""
-    points = inner.points
+    points, ring = inner.points, outer.points
+    apart = (points.max(axis=0) <= ring.min(axis=0)) | (points.min(axis=0) >= ring.max(axis=0))
+    if apart.any():
+        return False
     middles = (points + np.roll(points, -1, axis=0)) / 2.0
-    return bool(_within(np.concatenate([points, middles]), outer.points).mean() > 0.5)
+    return bool(_within(np.concatenate([points, middles]), ring).mean() > 0.5)
 
 
 def _within(points: Array, ring: Array) -> Mask:
     """Which points (n, 2) lie in a ring (m, 2): a ray along x crosses it an odd number of times."""
-    inside = np.zeros(len(points), dtype=bool)
-    x, y = points.T
-    for (x0, y0), (x1, y1) in zip(ring, np.roll(ring, -1, axis=0), strict=True):
-        spans = (y0 > y) != (y1 > y)
-        if spans.any():
-            inside ^= spans & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0 if y1 != y0 else 1.0))
-    return inside
+    x0, y0 = ring.T
+    x1, y1 = np.roll(ring, -1, axis=0).T
+    slope = (x1 - x0) / np.where(y1 == y0, 1.0, y1 - y0)
+    inside = []
+    for block in np.array_split(points, len(points) * len(ring) // 1_000_000 + 1):
+        x, y = block[:, :1], block[:, 1:]
+        crossed = ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * slope)
+        inside.append(crossed.sum(axis=1) % 2 == 1)
+    return np.concatenate(inside)
 
 
 def _turned(points: Array, sign: float) -> Array:

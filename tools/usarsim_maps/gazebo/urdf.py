@@ -172,11 +172,11 @@ class _Robot:
 
 def xacro_refusal(document: Document, node: Node) -> MapImportError:
     """The error for a file that is written in xacro."""
-    path = document.path
-    plain = path.name.removesuffix(".xacro").removesuffix(".urdf")
-    return document.error(
-        node, "this file is written in xacro", f"run: xacro {path.name} -o {plain}.urdf"
-    )
+    name = document.path.name
+    stem = name.removesuffix(".xacro").removesuffix(".urdf")
+    made = f"{stem}.urdf" if f"{stem}.urdf" != name else f"{stem}-plain.urdf"
+    cure = f"run: xacro {name} -o {made}"
+    return document.error(node, "this file is written in xacro", cure)
 
 
 def _geometry(shape: Node) -> Node:
