@@ -58,3 +58,18 @@ def test_archive_that_unpacks_to_more_than_memory(
         for number in range(5):
             archive.writestr(f"{number}.bin", bytes(1 << 20))
     assert "MiB when unpacked" in refused(write(tmp_path, stream.getvalue(), "map.3mf"))
+
+
+def test_colors_of_faces(tmp_path: Path) -> None:
+    """Each face has its own colour."""
+    shape = xaml()
+    blue = shape[shape.index("<GeometryModel3D>") : shape.index("</ModelVisual3D.Content>")]
+    both = shape.replace(
+        blue, f"<Model3DGroup>{blue}{blue.replace('#FF0000', '#0000FF')}</Model3DGroup>"
+    )
+    scene = read(write(tmp_path, both, "map.xaml"))
+    found = set()
+    for thing in scene.objects:
+        mesh = thing.parts[0].shape
+        found |= {scene.materials[mesh.materials[slot]].color[:3] for slot in mesh.slots}
+    assert found == {(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)}

@@ -133,7 +133,7 @@ class _AseFile:
             key, _, rest = line.partition(" ")
             key, rest = key.upper(), rest.strip()
             # Brackets inside of names are no blocks.
-            bare = _QUOTED.sub("", line)
+            bare = _QUOTED.sub("", line) if '"' in line else line
             more = bare.count("{") - bare.count("}")
             if not self._skipped:
                 items += self._line(number, key, rest, line)

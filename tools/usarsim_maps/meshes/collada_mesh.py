@@ -234,7 +234,7 @@ class _Mesh:
         return self._points[key]
 
     def _look_source(self, entry: Node, what: str) -> Array | None:
-        """Texture coordinates or colours; None, and a note of what is lost, if they cannot be had."""
+        """Texture coordinates or colours; None, and a note of what is lost, if there are none."""
         try:
             return self._source(entry)
         except MapImportError as error:

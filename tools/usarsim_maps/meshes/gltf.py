@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
 
@@ -157,10 +158,9 @@ class _GltfScene(SceneBuilder):
         if number in self._places:
             return self._places[number]
         nodes = self._file.items("nodes")
-        above = {c: node.number for node in nodes for c in node.indices("children", nodes)}
         matrix, way = np.eye(4), [number]
-        while way[-1] in above and len(way) <= len(nodes):
-            way.append(above[way[-1]])
+        while way[-1] in self._above and len(way) <= len(nodes):
+            way.append(self._above[way[-1]])
         for step in way:
             own = _matrix(nodes[step])
             if own is None:
@@ -168,6 +168,12 @@ class _GltfScene(SceneBuilder):
             matrix = own @ matrix
         self._places[number] = matrix
         return matrix
+
+    @cached_property
+    def _above(self) -> dict[int, int]:
+        """The parent of each node that has one."""
+        nodes = self._file.items("nodes")
+        return {c: node.number for node in nodes for c in node.indices("children", nodes)}
 
     def _instances(self, node: _GltfNode) -> Iterator[Array]:
         """The matrices of a node: one, or those of its instances."""

@@ -163,10 +163,13 @@ class _File:
     def _color(self, words: list[str]) -> None:
         """Keep the colour of the latest vertex; what is none is passed over."""
         try:
-            r, g, b = (read_number(word) for word in words)
+            color = float(words[0]), float(words[1]), float(words[2])
         except ValueError:
-            return
-        self._colors[len(self._points) - 1] = r, g, b
+            try:
+                color = read_number(words[0]), read_number(words[1]), read_number(words[2])
+            except ValueError:
+                return
+        self._colors[len(self._points) - 1] = color
 
     def _again(self, words: list[str]) -> bool:
         """Try numbers with decimal commas, and what C prints for none; whether that helped."""
