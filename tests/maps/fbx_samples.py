@@ -184,10 +184,12 @@ class FbxFile:
             inside=[dom("ShadingModel", "phong"), dom("MultiLayer", 0)],
         )  # fmt: skip
 
-    def picture(self, material: Fbx, path: str, content: bytes | None = None) -> Fbx:
+    def picture(
+        self, material: Fbx, path: str, content: bytes | None = None, by: str = "DiffuseColor"
+    ) -> Fbx:
         """A texture of a material, with the picture inside the file if there is content."""
         texture = self.add(
-            "Texture", "Picture", "TextureVideoClip", to=material, by="DiffuseColor",
+            "Texture", "Picture", "TextureVideoClip", to=material, by=by,
             inside=[
                 dom("Type", "TextureVideoClip"), dom("FileName", path),
                 dom("RelativeFilename", path),

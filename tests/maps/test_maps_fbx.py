@@ -25,7 +25,7 @@ from usarsim_maps.fbx.library import answer
 from usarsim_maps.fbx.library.text import check_text, plain_text
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import find_reader
-from usarsim_maps.scene import Array, Collision, LightKind, Mesh, Scene
+from usarsim_maps.scene import Array, Collision, LightKind, Mesh, Opacity, Scene
 from usarsim_server.errors import MapImportError
 
 Bounds = dict[str, tuple[list[float], list[float]]]
@@ -559,6 +559,26 @@ def test_pictures_inside(tmp_path: Path, file: FbxFile, way: str) -> None:
     file.mesh("Cube", size=CM, materials=[material], slots=[0] * 6, uvs=CORNERS)
     scene = loaded(tmp_path, getattr(file, way)())
     assert scene.materials["Wood"].image == pixels()
+
+
+@pytest.mark.parametrize("same", [False, True])
+def test_holes_by_a_picture(tmp_path: Path, file: FbxFile, same: bool) -> None:
+    """The picture that is connected to what passes, or the surface's own."""
+    material = file.material("Fence", (1.0, 1.0, 1.0), prop("TransparencyFactor", 1.0))
+    texture = file.picture(material, "fence.png")
+    if same:
+        file.links.append((texture, material, "TransparentColor"))
+    else:
+        file.picture(material, "mask.png", by="TransparencyFactor")
+    file.mesh("Cube", size=CM, materials=[material], slots=[0] * 6, uvs=CORNERS)
+    for name in ("fence.png", "mask.png"):
+        write(tmp_path, pixels(), name)
+    scene = loaded(tmp_path, file.binary())
+    assert whole(scene).uvs is not None
+    found = scene.materials["Fence"]
+    assert found.color == (1.0, 1.0, 1.0, 1.0)
+    assert found.texture == tmp_path / "fence.png"
+    assert found.opacity == Opacity(None if same else tmp_path / "mask.png", blend=True)
 
 
 def test_missing_pictures_are_listed(tmp_path: Path, file: FbxFile) -> None:

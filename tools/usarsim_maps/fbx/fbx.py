@@ -26,7 +26,16 @@ from usarsim_maps.meshes.mesh_files import Axes, SceneBuilder, axes_of, collisio
 from usarsim_maps.meshes.polygons import make_mesh, triangulate
 from usarsim_maps.meshes.vertex_colors import shaded
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Array, LightKind, Material, Mesh, Part, Scene, SceneObject
+from usarsim_maps.scene import (
+    Array,
+    LightKind,
+    Material,
+    Mesh,
+    Opacity,
+    Part,
+    Scene,
+    SceneObject,
+)
 from usarsim_maps.support import Support, SupportTable, support_table
 from usarsim_maps.units import MIRROR, affine
 from usarsim_server.errors import MapImportError, at
@@ -331,7 +340,9 @@ class _FbxWorld(SceneBuilder):
 
     def _in_pictures(self, uvs: Array, mesh: FbxMesh, slots: Array | None) -> Array | None:
         """Texture coordinates moved as the textures of the materials say; None if none has one."""
-        found = [self._texture(self._file.materials[number]) for number in mesh.materials]
+        used = [self._file.materials[number] for number in mesh.materials]
+        numbers = [one.holes if one.texture is None else one.texture for one in used]
+        found = [None if number is None else self._file.textures[number] for number in numbers]
         if all(texture is None for texture in found):
             return None
         uvs = uvs.copy()
@@ -348,29 +359,46 @@ class _FbxWorld(SceneBuilder):
         return None if material.texture is None else self._file.textures[material.texture]
 
     def _material(self, name: str, found: FbxMaterial) -> Material:
-        opacity = self._opacity(name, found)
+        opacity, holes = self._opacity(found), self._holes(found)
         texture = self._texture(found)
         if texture is not None and (texture.content or any(texture.names)):
-            material = Material(name, (1.0, 1.0, 1.0, opacity), repeat=texture.repeat)
+            material = Material(
+                name, (1.0, 1.0, 1.0, opacity), repeat=texture.repeat, opacity=holes
+            )
             if texture.content:
                 return replace(material, image=texture.content)
             return replace(material, texture=self._picture(texture.names))
         color = (0.7, 0.7, 0.7) if found.color is None else found.color
         factor = 1.0 if found.factor is None else found.factor
         r, g, b = np.nan_to_num(np.clip(np.array(color) * factor, 0.0, 1.0)).tolist()
-        return Material(name, (r, g, b, opacity))
+        return Material(name, (r, g, b, opacity), opacity=holes)
+
+    def _holes(self, found: FbxMaterial) -> Opacity | None:
+        """Opacity by a picture, which is the one of the surface or another.
+
+        By the format's own library a bright picture is clear; programs write a dark one for that,
+        or the alpha channel of the picture.
+        """
+        if found.holes is None:
+            return None
+        if found.holes == found.texture:
+            return Opacity(blend=True)
+        texture = self._file.textures[found.holes]
+        if texture.content:
+            return Opacity(texture.content, blend=True)
+        picture = self._picture(texture.names) if any(texture.names) else None
+        return None if picture is None else Opacity(picture, blend=True)
 
     def _picture(self, names: Sequence[str]) -> Path | None:
         """The first picture of these names that is there; else where it should be."""
         paths = [self.pictures.find(name) for name in names if name]
         return next((path for path in paths if path is not None and is_regular(path)), paths[0])
 
-    def _opacity(self, name: str, found: FbxMaterial) -> float:
-        """Opacity of a material: by `Opacity`, else one less what passes."""
-        if found.cut_out:
-            text = f"{name}: where its picture is clear it is solid here, and seen"
-            self.findings.warn(self.path.name, text)
+    def _opacity(self, found: FbxMaterial) -> float:
+        """Opacity of a material: by `Opacity`, else one less what passes, else by its picture."""
         told = found.pbr_opacity if found.pbr_opacity is not None else found.opacity
+        if told is None and found.holes is not None:
+            return 1.0
         if told is None:
             passes = 0.0 if found.clear is None else float(np.mean(found.clear))
             if found.clear_factor is not None:

@@ -101,7 +101,7 @@ class FbxMaterial:
     opacity: float | None  # by the property `Opacity`
     pbr_opacity: float | None  # by a shader with that input
     texture: int | None  # number
-    cut_out: bool  # a picture says what is clear
+    holes: int | None  # number of the texture that says what is clear
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,7 +256,8 @@ def _scene(blobs: _Blobs, told: Mapping[str, Any]) -> FbxScene:
             _within(things, [number for what, number in node.attributes if what == kind])
     for mesh in meshes:
         _within(materials, mesh.materials)
-    _within(textures, [one.texture for one in materials if one.texture is not None])
+    for one in materials:
+        _within(textures, [n for n in (one.texture, one.holes) if n is not None])
     return FbxScene(
         axes=tuple(int(axis) for axis in settings["axes"]),
         unit=float(settings["unit"]),
@@ -375,7 +376,7 @@ def _material(told: Mapping[str, Any]) -> FbxMaterial:
         opacity=_maybe(told["opacity"]),
         pbr_opacity=_maybe(told["pbr_opacity"]),
         texture=None if told["texture"] is None else int(told["texture"]),
-        cut_out=bool(told["cut_out"]),
+        holes=None if told["holes"] is None else int(told["holes"]),
     )
 
 

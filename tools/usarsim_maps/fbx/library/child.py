@@ -235,22 +235,29 @@ class _Scene:
     def _material(self, material: Any) -> dict[str, Any]:
         color = self._get(material, "pbr", "base_color")
         clear = self._get(material, "fbx", "transparency_color")
-        texture = self._get(color, "texture") if color.texture_enabled else None
-        if texture is not None and int(texture.type) != 0:  # layers, or what a program paints
-            files = list(self._each(self._get(texture, "file_textures")))
-            texture = files[0] if files else None
+        clear_factor = self._get(material, "fbx", "transparency_factor")
+        opaque = self._get(material, "pbr", "opacity")
+        holes = [self._picture(one) for one in (opaque, clear, clear_factor)]
         opacity = self._keep(self._get(material, "props").find_prop("Opacity"))
         return {
             "name": material.name,
             "color": list(color.value_vec4)[:3] if color.has_value else None,
             "factor": self._real(self._get(material, "pbr", "base_factor")),
             "clear": list(clear.value_vec4)[:3] if clear.has_value else None,
-            "clear_factor": self._real(self._get(material, "fbx", "transparency_factor")),
+            "clear_factor": self._real(clear_factor),
             "opacity": None if opacity is None else opacity.value_vec4.x,
-            "pbr_opacity": self._real(self._get(material, "pbr", "opacity")),
-            "texture": None if texture is None else texture.typed_id,
-            "cut_out": self._get(clear, "texture") is not None,
+            "pbr_opacity": self._real(opaque),
+            "texture": self._picture(color),
+            "holes": next((number for number in holes if number is not None), None),
         }
+
+    def _picture(self, of: Any) -> int | None:
+        """The number of the texture of a part of a material."""
+        texture = self._get(of, "texture") if of.texture_enabled else None
+        if texture is not None and int(texture.type) != 0:  # layers, or what a program paints
+            files = list(self._each(self._get(texture, "file_textures")))
+            texture = files[0] if files else None
+        return None if texture is None else int(texture.typed_id)
 
     def _real(self, number: Any) -> float | None:
         return float(number.value_vec4.x) if number.has_value else None
