@@ -135,3 +135,20 @@ def test_sub_materials(tmp_path: Path) -> None:
     assert {name: m.texture.name for name, m in scene.materials.items()} == {
         "Wood": "Wood.png", "Glass": "Glass.png",
     }  # fmt: skip
+
+
+def test_brackets_in_names(tmp_path: Path, findings: Findings) -> None:
+    """Are no blocks."""
+    text = ASE.replace('"Pyramid"', '"Pyramid {1"').replace('"Stone"', '"}{Stone}"')
+    scene = read(write(tmp_path, text + OTHER.format(word="LIGHTOBJECT")), findings)
+    assert [thing.name for thing in scene.objects] == ["Pyramid {1"]
+    assert list(scene.materials) == ["}{Stone}"]
+    assert findings.skipped_names == {"LIGHTOBJECT": ["Other"]}
+
+
+def test_sub_materials_without_names(tmp_path: Path) -> None:
+    """Each counts."""
+    subs = "\t\t*SUBMATERIAL 0 {\n\t\t}\n\t\t*SUBMATERIAL 1 {\n\t\t}\n"
+    text = ASE.replace("\t}\n}\n*GEOM", subs + "\t}\n}\n*GEOM").replace('"Stone"', '""')
+    scene = read(write(tmp_path, text.replace("MTLID 0", "MTLID 1", 1)))
+    assert scene.objects[0].parts[0].shape.slots.tolist() == [1, 0, 0, 0]

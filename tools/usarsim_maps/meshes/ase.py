@@ -136,7 +136,7 @@ class _AseFile:
             bare = _QUOTED.sub("", line) if '"' in line else line
             more = bare.count("{") - bare.count("}")
             if not self._skipped:
-                items += self._line(number, key, rest, line)
+                items += self._line(number, key, rest, bare)
             elif key == "*NODE_NAME" and self._name_wanted:
                 self._skip(rest.strip('"'))
             if more > 0:
@@ -152,12 +152,15 @@ class _AseFile:
         if self._blocks:
             raise broken(self._source, "the file ends inside a block", text.count("\n") + 1)
 
-    def _line(self, number: int, key: str, rest: str, line: str) -> int:
-        """Take in a line that is not left out; how many vertices or faces it has."""
+    def _line(self, number: int, key: str, rest: str, bare: str) -> int:
+        """Take in a line that is not left out; how many vertices or faces it has.
+
+        The line without its texts in quotes is `bare`.
+        """
         inner = self._blocks[-1] if self._blocks else ""
-        if key.startswith("*") and "{" in rest and BLOCKS.get(key[1:]) is not Support.READ:
-            if rest.endswith("}"):
-                return 0
+        if "{" in bare and key.startswith("*") and BLOCKS.get(key[1:]) is not Support.READ:
+            if bare.count("{") <= bare.count("}"):
+                return 0  # there is nothing in it
             self._skipped = len(self._blocks) + 1
             self._name_wanted = key[1:]
             if inner in ("*GEOMOBJECT", "*MESH", "*MATERIAL", "*SUBMATERIAL", "*SCENE"):
@@ -168,7 +171,7 @@ class _AseFile:
             self._material(key, rest, inner)
             return 0
         if "*GEOMOBJECT" in self._blocks:
-            return self._geom(number, key, rest, line, inner)
+            return self._geom(number, key, rest, inner)
         if key == "*GEOMOBJECT":
             self.geoms.append(_Geom())
         elif key == "*MATERIAL" and "{" in rest:
@@ -189,7 +192,7 @@ class _AseFile:
             self._main = _AseMaterial()
             self.materials.append([self._main])
         elif key == "*SUBMATERIAL" and self.materials:
-            if self.materials[-1][:1] == [self._main]:
+            if self.materials[-1][0] is self._main:
                 self.materials[-1].clear()
             self.materials[-1].append(_AseMaterial())
         elif not self.materials:
@@ -204,7 +207,7 @@ class _AseFile:
             material = group[-1] if "*SUBMATERIAL" in self._blocks else self._main
             material.picture = material.picture or rest.strip('"')
 
-    def _geom(self, number: int, key: str, rest: str, line: str, inner: str) -> int:
+    def _geom(self, number: int, key: str, rest: str, inner: str) -> int:
         """A line of a mesh; how many vertices or faces it has."""
         geom, source = self.geoms[-1], self._source
         match key:
@@ -224,7 +227,7 @@ class _AseFile:
             case "*MESH_FACE":
                 face = _FACE.match(rest)
                 if face is None:
-                    raise broken(source, f"{line[:60]!r} is no face", number)
+                    raise broken(source, f"{key} {rest[:50]!r} is no face", number)
                 geom.faces.append((int(face[1]), int(face[2]), int(face[3])))
                 slot = _SLOT.search(rest)
                 geom.slots.append(int(slot[1]) if slot else 0)
