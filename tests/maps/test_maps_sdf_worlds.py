@@ -407,11 +407,11 @@ class TestPolylines:
 
     def test_holes_that_touch(self) -> None:
         """A hole that touches its outline, and outlines side by side, are what they look like."""
-        notch = Outline(self.SQUARE * 0.5 + [0.5, 0.0], 1.0)
+        notch = Outline(self.SQUARE * 0.5 + np.array([0.5, 0.0]), 1.0)
         mesh = extruded([Outline(self.SQUARE, 1.0), notch])
         assert mesh is not None
         assert volume(mesh) == pytest.approx(3.0)
-        beside = Outline(self.SQUARE + [2.0, 0.0], 1.0)
+        beside = Outline(self.SQUARE + np.array([2.0, 0.0]), 1.0)
         mesh = extruded([Outline(self.SQUARE, 1.0), beside])
         assert mesh is not None
         assert volume(mesh) == pytest.approx(8.0)

@@ -208,7 +208,9 @@ class Elements:
 
 def _says_nothing(node: Node) -> bool:
     """Whether an element states what holds without it."""
-    if node.children or node.get("name"):
+    if node.children:
+        return not node.attributes and all(map(_says_nothing, node.children))
+    if node.get("name"):
         return False
     word = node.text.lower()
     if node.tag in _USUAL:
