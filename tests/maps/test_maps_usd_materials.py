@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from mesh_samples import read, told
 from PIL import Image
 
 from usarsim_maps.findings import Findings
-from usarsim_maps.scene import Material, Mesh, Scene
+from usarsim_maps.scene import Material, Mesh, Opacity, Scene
 
 pytest.importorskip("pxr", reason="usd-core is not installed: pip install usd-core")
 
@@ -308,32 +309,74 @@ def test_opacity(tmp_path: Path, name: str) -> None:
     assert "clear" not in told(findings)
 
 
-@pytest.mark.parametrize(
-    "inputs",
-    [
-        "float inputs:opacity.connect = </W/M/T.outputs:a>",
-        "float inputs:opacity.connect = </W/M/T.outputs:a>\n float inputs:opacityThreshold = 0.5",
-    ],
+TEXTURE = (
+    ' def Shader "T" {\n   uniform token info:id = "UsdUVTexture"\n'
+    "   asset inputs:file = @fence.png@\n   float outputs:a\n   float outputs:r\n"
+    "   float3 outputs:rgb\n  }\n"
 )
-def test_holes_of_a_picture(tmp_path: Path, inputs: str) -> None:
-    """Where a picture says what is clear, the report says that nothing sees through it."""
-    Image.new("RGBA", (2, 2), (255, 255, 255, 0)).save(tmp_path / "fence.png")
-    more = (
-        ' def Shader "T" {\n   uniform token info:id = "UsdUVTexture"\n'
-        "   asset inputs:file = @fence.png@\n   float outputs:a\n  }\n"
-    )
-    scene, findings = stage(tmp_path, known("surface", "UsdPreviewSurface", GREEN + inputs) + more)
-    assert the_material(scene).color == pytest.approx((0, 1, 0, 1))
-    assert "M: a picture says where it is clear" in told(findings)
-    scene, findings = stage(
-        tmp_path,
+
+HOLES = {
+    "opacity of the picture": (
+        known(
+            "surface",
+            "UsdPreviewSurface",
+            "color3f inputs:diffuseColor.connect = </W/M/T.outputs:rgb>\n"
+            "   float inputs:opacity.connect = </W/M/T.outputs:a>\n"
+            "   float inputs:opacityThreshold = 0.3",
+        )
+        + TEXTURE,
+        Opacity(None, pytest.approx(0.3), False, False),
+    ),
+    "opacity of another picture": (
+        known(
+            "surface",
+            "UsdPreviewSurface",
+            GREEN + "float inputs:opacity.connect = </W/M/T.outputs:a>",
+        )
+        + TEXTURE,
+        Opacity("fence.png", 0.5, True, False),
+    ),
+    "brightness": (
+        known(
+            "surface",
+            "UsdPreviewSurface",
+            GREEN + "float inputs:opacity.connect = </W/M/T.outputs:r>",
+        )
+        + TEXTURE,
+        Opacity("fence.png", 0.5, True, True),
+    ),
+    "OmniPBR": (
         mdl(
             "asset inputs:diffuse_texture = @fence.png@\n   bool inputs:enable_opacity = 1\n"
-            "   bool inputs:enable_opacity_texture = 1\n"
+            "   bool inputs:enable_opacity_texture = 1\n   float inputs:opacity_threshold = 0.5\n"
             "   asset inputs:opacity_texture = @fence.png@"
         ),
-    )
-    assert "M: a picture says where it is clear" in told(findings)
+        Opacity("fence.png", 0.5, False, True),
+    ),
+    "OmniPBR, switched off": (
+        mdl(
+            "asset inputs:diffuse_texture = @fence.png@\n   bool inputs:enable_opacity = 1\n"
+            "   bool inputs:enable_opacity_texture = 0\n"
+            "   asset inputs:opacity_texture = @fence.png@"
+        ),
+        None,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HOLES)
+def test_holes_of_a_picture(tmp_path: Path, name: str) -> None:
+    """Where a picture says what is clear, the surface has holes there."""
+    picture = tmp_path / "fence.png"
+    Image.new("RGBA", (2, 2), (255, 255, 255, 0)).save(picture)
+    text, expected = HOLES[name]
+    scene, _ = stage(tmp_path, text)
+    material = the_material(scene)
+    if expected is not None and expected.picture is not None:
+        expected = replace(expected, picture=picture)
+    assert material.opacity == expected
+    assert material.color[3] == 1.0
+    assert scene.objects[0].parts[0].shape.uvs is not None
 
 
 def test_networks_without_an_end(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from pxr import UsdLux
 
 from usarsim_maps.meshes.mesh_files import Axes
 from usarsim_maps.scene import Array, Light, LightKind
-from usarsim_maps.usd.openusd.surfaces import shown
+from usarsim_maps.usd.openusd.surfaces import shown_channel
 from usarsim_maps.usd.openusd.values import StageValues
 
 LIGHTS = {
@@ -55,7 +55,7 @@ def light_of(prim: Any, matrix: Array, axes: Axes, values: StageValues) -> Light
         strength /= ORDINARY_LAMP
     else:
         reach = 0.0
-    red, green, blue = map(shown, _tint(prim, values))
+    red, green, blue = map(shown_channel, _tint(prim, values))
     x, y, z = (axes.linear @ matrix[:3, 3]).tolist()
     dx, dy, dz = (axes.linear @ -matrix[:3, 2]).tolist()
     return Light(

@@ -13,10 +13,11 @@ from pxr import Ar, UsdShade
 from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.mesh_files import Pictures
 from usarsim_maps.meshes.vertex_colors import WHITE, shaded
-from usarsim_maps.scene import NEUTRAL, Array, Integers, Material
+from usarsim_maps.scene import NEUTRAL, Array, Integers, Material, Opacity
+from usarsim_maps.units import shown
 from usarsim_maps.usd.openusd.primvars import Corners, color_values, colors_at
 from usarsim_maps.usd.openusd.stage import read_resource
-from usarsim_maps.usd.openusd.surfaces import PrimvarUse, look_of, shown
+from usarsim_maps.usd.openusd.surfaces import Clearing, PrimvarUse, look_of, shown_channel
 from usarsim_maps.usd.openusd.values import StageValues, in_prototype
 from usarsim_server.files import is_regular
 
@@ -28,10 +29,6 @@ DISPLAY = PrimvarUse("displayColor"), PrimvarUse("displayOpacity")
 UNKNOWN = (
     "none of its surfaces names a colour, nor does what it covers; it became grey. Bake materials "
     "on export"
-)
-HOLES = (
-    "a picture says where it is clear; lasers and cameras do not see through such places. Cut the "
-    "holes into the mesh"
 )
 
 
@@ -107,8 +104,10 @@ class Finishes:
             return [material], np.zeros(count, np.int64)
         colors = np.ones((count, 4))
         if tint is not None:
-            colors[:, :3] = _shown(tint[:, :3])  # a single channel is a grey
+            # A single channel is a grey.
+            colors[:, :3] = shown(np.clip(tint[:, :3], 0.0, 1.0))
         if clearness is not None:
+            base = replace(base, meant=True)
             colors[:, 3] = clearness[:, 3 if clearness.shape[1] == 4 else 0]
         made, slots = shaded(colors, base)
         return [self._entered(material) for material in made], slots
@@ -131,15 +130,28 @@ class Finishes:
         if look is None:
             white = Material(name, (1.0, 1.0, 1.0, 1.0))
             return Finish(white, tint=DISPLAY[0], clearness=DISPLAY[1])
-        if look.holes:
-            self.findings.warn(name, HOLES)
         color = look.color
-        red, green, blue = map(shown, color.factor)
+        red, green, blue = map(shown_channel, color.factor)
         made = Material(name, (red, green, blue, look.opacity))
         if color.asset is not None:
             path, content = self._picture(color.asset)
             made = replace(made, texture=path, image=content, repeat=color.repeat)
+        if look.holes is not None:
+            made = replace(made, opacity=self._opacity(color.asset, look.holes))
+            if color.asset is None:
+                there = look.holes.picture
+                made = replace(made, repeat=there.repeat)
+                color = replace(color, coordinates=there.coordinates, mapping=there.mapping)
         return Finish(made, color.coordinates, color.mapping, color.primvar, look.opacity_primvar)
+
+    def _opacity(self, own: Any, holes: Clearing) -> Opacity:
+        """Holes by the surface's own picture, or by another one."""
+        there = holes.picture
+        picture: Path | bytes | None = None
+        if there.bright or own is None or own.path != there.asset.path:
+            path, content = self._picture(there.asset)
+            picture = content if content is not None else path
+        return Opacity(picture, holes.cutoff, holes.blend, there.bright)
 
     def _picture(self, asset: Any) -> tuple[Path | None, bytes | None]:
         """File or bytes of a picture."""
@@ -167,10 +179,3 @@ def _first(use: PrimvarUse | None, read: Callable[[str], Array | None]) -> Array
     if found is None and use.fallback is not None:
         return np.array([use.fallback])
     return found
-
-
-def _shown(colors: Array) -> Array:
-    """Linear channels (t, 1 or 3) as screens show them."""
-    clipped = np.clip(np.nan_to_num(colors, nan=1.0), 0.0, 1.0)
-    different, number = np.unique(np.round(clipped, 4), return_inverse=True)
-    return np.array([shown(value) for value in different.tolist()])[number].reshape(colors.shape)

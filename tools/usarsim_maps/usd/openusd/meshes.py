@@ -159,7 +159,8 @@ class MeshReader:
         for slot, finish in enumerate(finishes):
             material = finish.material
             chosen = slots == slot
-            if not chosen.any() or (material.texture is None and material.image is None):
+            pictures = material.texture, material.image, material.opacity
+            if not chosen.any() or pictures == (None, None, None):
                 continue
             found = coordinates_at(prim, finish.coordinates, at.of(chosen), self.values)
             if found is None:

@@ -79,12 +79,22 @@ class Fed:
     coordinates: str = "st"  # name of the primvar that the picture lies on
     mapping: Array = field(default_factory=lambda: np.eye(2, 3))  # (2, 3) applied to them
     primvar: PrimvarUse | None = None
+    bright: bool = True  # as a number the picture is its brightness, else its opacity
 
     def times(self, other: Fed) -> Fed:
         """The product; of two pictures the first stays."""
         r, g, b = (one * two for one, two in zip(self.factor, other.factor, strict=True))
         base = self if self.asset is not None or other.asset is None else other
         return replace(base, factor=(r, g, b), primvar=self.primvar or other.primvar)
+
+
+@dataclass(frozen=True, slots=True)
+class Clearing:
+    """A picture that says where a surface is clear; see `scene.Opacity`."""
+
+    picture: Fed
+    cutoff: float
+    blend: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +104,7 @@ class SurfaceLook:
     color: Fed
     opacity: float = 1.0
     opacity_primvar: PrimvarUse | None = None
-    holes: bool = False  # a picture says where it is clear
+    holes: Clearing | None = None
 
 
 def look_of(material: Any, values: StageValues) -> SurfaceLook | None:
@@ -112,7 +122,7 @@ def look_of(material: Any, values: StageValues) -> SurfaceLook | None:
     return networks.own_look(material)
 
 
-def shown(value: float) -> float:
+def shown_channel(value: float) -> float:
     """A linear colour channel as screens show it; what makes no sense is 1."""
     return srgb(unit(value))
 
@@ -167,9 +177,10 @@ class _Networks:
                 return found
             for port in here.GetInputs():
                 source = _source(port)
-                if source is not None and source.GetPath() not in seen and len(seen) < MAX_STEPS:
-                    seen.add(source.GetPath())
-                    todo.append(source)
+                if source is None or source[0].GetPath() in seen or len(seen) >= MAX_STEPS:
+                    continue
+                seen.add(source[0].GetPath())
+                todo.append(source[0])
         return None
 
     def own_look(self, material: Any) -> SurfaceLook | None:
@@ -224,40 +235,52 @@ class _Networks:
         mapping[:, 2] = self._vector(inputs.get("texturetranslate"), (0.0, 0.0))
         return mapping
 
-    def _opacity(self, kind: str, inputs: dict[str, Any]) -> tuple[float, PrimvarUse | None, bool]:
-        """Opacity, a primvar that holds it, and whether a picture makes holes."""
+    def _opacity(
+        self, kind: str, inputs: dict[str, Any]
+    ) -> tuple[float, PrimvarUse | None, Clearing | None]:
+        """Opacity, a primvar that multiplies it, and a picture that makes holes."""
         if self._constant(inputs.get("enableopacity")) in (0, False):
-            return 1.0, None, False
+            return 1.0, None, None
         if "gltf_pbr" in kind and self._constant(inputs.get("alphamode")) in (None, 0):
             inputs = {name: port for name, port in inputs.items() if name != "alpha"}
-        holes = any(
-            re.fullmatch(r"(opacity|alpha|cutout|mask)(texture|tex|map)", name)
-            and self._constant(inputs.get("enableopacitytexture")) not in (0, False)
-            and (fed := self.fed(port)) is not None
-            and fed.asset is not None
-            for name, port in inputs.items()
-        )
+        threshold = self._first_number(inputs, THRESHOLDS, 0.0)
         opacity, primvar = 1.0, None
+        pictures = [self._opacity_texture(inputs)]
         for name in OPACITIES:
             found = self.fed(inputs.get(name))
             if found is not None:
-                holes |= found.asset is not None
-                primvar = found.primvar
-                opacity = 1.0 if found.asset is not None else unit(sum(found.factor) / 3.0)
+                pictures.append(found)
+                primvar, opacity = found.primvar, unit(sum(found.factor) / 3.0)
                 break
-        threshold = next(
-            (v for v in (self._constant(inputs.get(name)) for name in THRESHOLDS)
-             if isinstance(v, float)), 0.0,
-        )  # fmt: skip
+        holes = None
+        for found in pictures:
+            if found is not None and found.asset is not None:
+                cutoff = threshold / max(opacity, 1e-6) if threshold > 0.0 else 0.5
+                holes = Clearing(found, cutoff, blend=threshold <= 0.0)
+                break
         if threshold > 0.0:
-            opacity = 1.0 if opacity >= threshold else 0.0
-        for name in TRANSMISSIONS:
-            value = self._constant(inputs.get(name))
-            if isinstance(value, float):
-                opacity = min(opacity, 1.0 - (1.0 - CLEAREST) * unit(value))
+            opacity = 1.0 if holes is not None or opacity >= threshold else 0.0
+        passed = unit(self._first_number(inputs, TRANSMISSIONS, 0.0))
         if kind.startswith("OmniGlass"):
-            opacity = min(opacity, CLEAREST)
-        return opacity, primvar, holes
+            passed = 1.0
+        return min(opacity, 1.0 - (1.0 - CLEAREST) * passed), primvar, holes
+
+    def _opacity_texture(self, inputs: dict[str, Any]) -> Fed | None:
+        """The picture of opacity that an input of the surface itself holds."""
+        if self._constant(inputs.get("enableopacitytexture")) in (0, False):
+            return None
+        for name, port in inputs.items():
+            if re.fullmatch(r"(opacity|alpha|cutout|mask)(texture|tex|map)", name):
+                return self.fed(port)
+        return None
+
+    def _first_number(self, inputs: dict[str, Any], names: Sequence[str], default: float) -> float:
+        """The first of several inputs that is a number."""
+        for name in names:
+            value = self._constant(inputs.get(name))
+            if isinstance(value, float) and math.isfinite(value):
+                return value
+        return default
 
     # ---- what feeds an input ---------------------------------------------------------------
 
@@ -270,16 +293,16 @@ class _Networks:
         """
         if not port or depth > MAX_STEPS:
             return None
-        shader = _source(port)
-        if shader is not None:
-            return self._made(shader, depth + 1) or _fed_by(self._values.value(port.GetAttr()))
+        source = _source(port)
+        if source is not None:
+            return self._made(*source, depth + 1) or _fed_by(self._values.value(port.GetAttr()))
         value = self._constant(port)
         if isinstance(value, Sdf.AssetPath):
             return Fed(asset=value) if value.path else None
         return _fed_by(value)
 
-    def _made(self, shader: Any, depth: int) -> Fed | None:
-        """What a shader yields."""
+    def _made(self, shader: Any, output: str, depth: int) -> Fed | None:
+        """What an output of a shader yields."""
         kind = _identity(shader)
         inputs = {_plain(port.GetBaseName()): port for port in shader.GetInputs()}
         if READERS.match(kind):
@@ -289,7 +312,9 @@ class _Networks:
              if isinstance(value, Sdf.AssetPath) and value.path), None,
         )  # fmt: skip
         if asset is not None:
-            return self._pictured(shader, inputs, asset)
+            return replace(
+                self._pictured(shader, inputs, asset), bright=not _is_alpha(kind, output)
+            )
         if "UVTexture" in kind or "image" in kind.lower():
             return _fed_by(self._constant(inputs.get("fallback") or inputs.get("default")))
         if "multiply" in kind.lower():
@@ -336,8 +361,8 @@ class _Networks:
             source = _source(port)
             if source is None:
                 break
-            kind = _identity(source)
-            inputs = {_plain(port.GetBaseName()): port for port in source.GetInputs()}
+            kind = _identity(source[0])
+            inputs = {_plain(port.GetBaseName()): port for port in source[0].GetInputs()}
             if "UsdTransform2d" in kind:
                 mapping = mapping @ self._transform(inputs)
             elif "place2d" in kind:
@@ -386,15 +411,24 @@ class _Networks:
         return tuple(value[: len(default)].tolist())
 
 
-def _source(port: Any) -> Any | None:
-    """The shader that feeds an input, through node graphs."""
+def _is_alpha(kind: str, output: str) -> bool:
+    """Whether what a picture yields as a number is its opacity.
+
+    MaterialX takes the channel out of a picture of four in another node, which is the last of them
+    in most files.
+    """
+    return output == "a" or "color4" in kind or "vector4" in kind
+
+
+def _source(port: Any) -> tuple[Any, str] | None:
+    """The shader that feeds an input, through node graphs, and the name of its output."""
     for _ in range(MAX_STEPS):
         if not port or not port.HasConnectedSource():
             return None
         owner, name, _ = port.GetConnectedSource()
         shader = UsdShade.Shader(owner.GetPrim())
         if shader:
-            return shader
+            return shader, str(name)
         port = owner.GetOutput(name) or owner.GetInput(name)
     return None
 

@@ -197,7 +197,7 @@ class StageReader(SceneBuilder):
             return
         targets = [self._stage.GetPrimAtPath(p) for p in instancer.GetPrototypesRel().GetTargets()]
         chosen = self._values.array(instancer.GetProtoIndicesAttr())
-        how = UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
+        how = UsdGeom.PointInstancer.ExcludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
         time = self._values.time
         transforms = instancer.ComputeInstanceTransformsAtTime(time, time, *how)
         if chosen is None or transforms is None or len(transforms) != len(chosen):
@@ -222,7 +222,8 @@ class StageReader(SceneBuilder):
             own = matrix(self._transforms.GetLocalToWorldTransform(target))
             if abs(np.linalg.det(own)) < 1e-18:
                 continue
-            prefix = outer @ matrix(transform) @ np.linalg.inv(own)
+            within, _ = self._transforms.GetLocalTransformation(target)
+            prefix = outer @ matrix(transform) @ matrix(within) @ np.linalg.inv(own)
             suffix = f"{place.suffix}_{number}"
             self._walk(target, PROTOTYPES, _Instance(prefix, suffix, place.depth + 1, purpose))
 
