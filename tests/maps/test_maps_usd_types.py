@@ -242,3 +242,44 @@ def test_lights_of_old_and_new(stage: Any) -> None:
     assert red == pytest.approx(1.0)
     assert 0.3 < green < 0.8
     assert blue < 0.3
+
+
+def test_colours_of_copies(stage: Any) -> None:
+    """Copies have the colours that their instancer gives them, unless they have some already."""
+    row = instancer(stage, 3)
+    UsdGeom.Cube.Define(stage, "/World/Row/Protos/Cube")
+    row.GetPrototypesRel().AddTarget("/World/Row/Protos/Cube")
+    row.GetProtoIndicesAttr().Set([0, 1, 0])
+    colors = UsdGeom.PrimvarsAPI(row).CreatePrimvar(
+        "displayColor", Sdf.ValueTypeNames.Color3fArray, "varying"
+    )
+    colors.Set([Gf.Vec3f(1, 0, 0), Gf.Vec3f(0, 1, 0), Gf.Vec3f(0, 0, 1)])
+    one, two, three = (thing.parts[0] for thing in saved(stage).objects)
+    names = [one.shape.materials, two.materials, three.shape.materials]
+    assert names == [("color_ff0000",), {0: "color_00ff00"}, ("color_0000ff",)]
+    UsdGeom.Mesh.Get(stage, "/World/Row/Protos/Box").CreateDisplayColorAttr([Gf.Vec3f(1, 1, 1)])
+    one, _, three = (thing.parts[0] for thing in saved(stage).objects)
+    assert one.shape is three.shape or one.shape.materials == three.shape.materials
+
+
+def test_files_that_cannot_be_read(tmp_path: Path, findings: Findings) -> None:
+    """References to files of other kinds and to damaged ones are told, in the same words twice."""
+    (tmp_path / "x.abc").write_text("hello")
+    (tmp_path / "b.usda").write_text('#usda 1.0\ndef Xform "A" {{{\n')
+    path = tmp_path / "a.usda"
+    path.write_text(
+        "#usda 1.0\n(\n subLayers = [@gone.usda@]\n metersPerUnit = 1\n)\n"
+        'def Cube "Here" {\n}\ndef "P" (\n references = @x.abc@\n) {\n}\n'
+        'def "Q" (\n payload = @b.usda@\n) {\n}\ndef "R" (\n references = </Nowhere>\n) {\n}\n'
+    )
+    read(path, findings)
+    assert findings.missing_list() == [("file", "gone.usda", 1)]
+    assert findings.skipped_names == {"file": ["x.abc", "b.usda"]}
+    words = told(findings)
+    assert "x.abc: a reference to no file of OpenUSD was left out" in words
+    assert "b.usda: a reference or payload is damaged" in words
+    assert "Unresolved reference prim path" in words
+    assert "0x" not in words
+    again = Findings()
+    read(path, again)
+    assert told(again) == words

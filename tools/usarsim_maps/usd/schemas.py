@@ -7,6 +7,9 @@ from __future__ import annotations
 
 from usarsim_maps.support import Support, support_table
 
+STAGES = (".usd", ".usda", ".usdc", ".usdz")
+"""Extensions of files."""
+
 PRIM_TYPES = support_table(
     read="""
         BlendShape Capsule Capsule_1 Cone Cube Cylinder Cylinder_1 CylinderLight DiskLight

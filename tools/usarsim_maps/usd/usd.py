@@ -15,7 +15,7 @@ from usarsim_maps.meshes.mesh_files import axes_of
 from usarsim_maps.reader import Context, Reader, need, register
 from usarsim_maps.scene import Scene
 from usarsim_maps.support import SupportTable
-from usarsim_maps.usd.schemas import API_SCHEMAS, COMPOSITION, PRIM_TYPES, PURPOSES
+from usarsim_maps.usd.schemas import API_SCHEMAS, COMPOSITION, PRIM_TYPES, PURPOSES, STAGES
 from usarsim_server.errors import MapImportError, at
 
 SMALLEST, LARGEST = 1e-6, 1e6
@@ -27,7 +27,7 @@ class UsdReader(Reader):
     """Stages with references, payloads, instances, variants, purposes, materials and physics."""
 
     title = "OpenUSD"
-    extensions = (".usd", ".usda", ".usdc", ".usdz")
+    extensions = STAGES
     support: ClassVar[Mapping[str, SupportTable]] = {
         "OpenUSD prim types": PRIM_TYPES,
         "OpenUSD API schemas": API_SCHEMAS,
@@ -78,7 +78,7 @@ def _unit(stated: object, source: Path, context: Context) -> float:
     Some exporters store a number of single precision, as which 0.01 has seven digits.
     """
     unit = float(stated) if isinstance(stated, int | float) else 0.0
-    if unit == np.float32(unit):
+    if SMALLEST <= unit <= LARGEST and unit == np.float32(unit):
         unit = float(str(np.float32(unit)))
     if SMALLEST <= unit <= LARGEST:
         return unit

@@ -63,7 +63,8 @@ class Figures:
             raise ValueError(f"joints of {len(joints)} points for {len(points)}")
         bound = self.values.value(binding.GetGeomBindTransformAttr())
         start = np.eye(4) if bound is None else matrix(bound)
-        whole = points @ start[:3, :3].T + start[:3, 3]
+        with np.errstate(invalid="ignore", over="ignore"):
+            whole = points @ start[:3, :3].T + start[:3, 3]
         held = skinned(whole, joints.astype(np.int64), weights, matrices)
         of_skeleton, of_skin = (
             matrix(self.transforms.GetLocalToWorldTransform(here)) for here in (skeleton, prim)

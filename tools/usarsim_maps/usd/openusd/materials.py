@@ -15,16 +15,20 @@ from usarsim_maps.meshes.mesh_files import Pictures
 from usarsim_maps.meshes.vertex_colors import WHITE, shaded
 from usarsim_maps.scene import NEUTRAL, Array, Integers, Material, Opacity
 from usarsim_maps.units import shown
-from usarsim_maps.usd.openusd.primvars import Corners, color_values, colors_at
+from usarsim_maps.usd.openusd.primvars import (
+    DISPLAY,
+    Corners,
+    Display,
+    color_values,
+    colors_at,
+    own_color,
+)
 from usarsim_maps.usd.openusd.stage import read_resource
 from usarsim_maps.usd.openusd.surfaces import Clearing, PrimvarUse, look_of, shown_channel
 from usarsim_maps.usd.openusd.values import StageValues, in_prototype
 from usarsim_server.files import is_regular
 
 TILE = "<UDIM>"
-
-DISPLAY = PrimvarUse("displayColor"), PrimvarUse("displayOpacity")
-"""What colours a shape that no material does."""
 
 UNKNOWN = (
     "none of its surfaces names a colour, nor does what it covers; it became grey. Bake materials "
@@ -43,7 +47,10 @@ class Finish:
     clearness: PrimvarUse | None = None  # that holds its opacity
 
 
-PLAIN = Finish(WHITE, tint=DISPLAY[0], clearness=DISPLAY[1])
+COLOR, CLEARNESS = map(PrimvarUse, DISPLAY)
+"""What colours a shape that no material does."""
+
+PLAIN = Finish(WHITE, tint=COLOR, clearness=CLEARNESS)
 """Of a shape without a material."""
 
 
@@ -67,24 +74,29 @@ class Finishes:
             self._known[key] = self._read(found)
         return self._known[key]
 
-    def on_shape(self, prim: Any, finish: Finish) -> Material:
+    def on_shape(self, prim: Any, finish: Finish, display: Display) -> Material:
         """The material of a shape that has one colour; of several colours it gets the mean."""
 
         def mean(name: str) -> Array | None:
             found = color_values(prim, name, self.values)
             if found is not None and len(np.unique(found, axis=0)) > 1:
                 self.findings.warn(prim.GetName(), "a shape of several colours has their mean")
-            return None if found is None else found.mean(axis=0, keepdims=True)
+            if found is None:
+                return own_color(display, name)
+            return np.asarray(found.mean(axis=0, keepdims=True))
 
         return self._colored(finish, 1, mean)[0][0]
 
     def on_triangles(
-        self, prim: Any, finish: Finish, corners: Corners
+        self, prim: Any, finish: Finish, corners: Corners, display: Display
     ) -> tuple[list[Material], Integers]:
         """Materials of triangles of a mesh, and the number in this list of each triangle."""
-        return self._colored(
-            finish, len(corners.faces), lambda name: colors_at(prim, name, corners, self.values)
-        )
+
+        def read(name: str) -> Array | None:
+            found = colors_at(prim, name, corners, self.values)
+            return own_color(display, name) if found is None else found
+
+        return self._colored(finish, len(corners.faces), read)
 
     def _colored(
         self, finish: Finish, count: int, read: Callable[[str], Array | None]
@@ -93,7 +105,7 @@ class Finishes:
         base = finish.material
         tint = _first(finish.tint, read)
         if tint is None and finish.tint is not None:
-            tint = read(DISPLAY[0].name)
+            tint = read(COLOR.name)
         if tint is None and finish.tint is not None:
             if finish is not PLAIN:
                 self.findings.warn(base.name, UNKNOWN)
@@ -129,7 +141,7 @@ class Finishes:
         look = look_of(material, self.values)
         if look is None:
             white = Material(name, (1.0, 1.0, 1.0, 1.0))
-            return Finish(white, tint=DISPLAY[0], clearness=DISPLAY[1])
+            return Finish(white, tint=COLOR, clearness=CLEARNESS)
         color = look.color
         red, green, blue = map(shown_channel, color.factor)
         made = Material(name, (red, green, blue, look.opacity))

@@ -13,8 +13,15 @@ from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.polygons import triangulate
 from usarsim_maps.scene import Array, Integers, Mesh
 from usarsim_maps.usd.openusd.figures import Figures
-from usarsim_maps.usd.openusd.materials import DISPLAY, Finish, Finishes
-from usarsim_maps.usd.openusd.primvars import Corners, color_values, coordinates_at
+from usarsim_maps.usd.openusd.materials import Finish, Finishes
+from usarsim_maps.usd.openusd.primvars import (
+    DISPLAY,
+    NO_DISPLAY,
+    Corners,
+    Display,
+    color_values,
+    coordinates_at,
+)
 from usarsim_maps.usd.openusd.values import StageValues, in_prototype
 
 
@@ -30,11 +37,11 @@ class MeshReader:
     _by_prim: dict[object, Mesh | None] = field(default_factory=dict)
     _by_content: dict[bytes, Mesh] = field(default_factory=dict)
 
-    def read(self, prim: Any) -> Mesh | None:
-        """A mesh; None if it has no polygons or senseless ones."""
-        key = self._key(prim)
+    def read(self, prim: Any, display: Display = NO_DISPLAY) -> Mesh | None:
+        """A mesh, in these colours where it has none; None without sound polygons."""
+        key = self._key(prim), display
         if key not in self._by_prim:
-            self._by_prim[key] = self._shared(prim)
+            self._by_prim[key] = self._shared(prim, display)
         return self._by_prim[key]
 
     def _key(self, prim: Any) -> object:
@@ -47,12 +54,12 @@ class MeshReader:
             return prim.GetPath()
         inherited = tuple(
             None if found is None else tuple(found[0].tolist())
-            for found in (color_values(prim, use.name, self.values) for use in DISPLAY)
+            for found in (color_values(prim, name, self.values) for name in DISPLAY)
         )
         return original.GetPath(), self.finishes.of(prim), inherited
 
-    def _shared(self, prim: Any) -> Mesh | None:
-        mesh = self._read(prim)
+    def _shared(self, prim: Any, display: Display) -> Mesh | None:
+        mesh = self._read(prim, display)
         if mesh is None:
             return None
         digest = hashlib.sha256(repr((mesh.name, mesh.materials)).encode())
@@ -63,7 +70,7 @@ class MeshReader:
             self.triangles += len(mesh.triangles)
         return known
 
-    def _read(self, prim: Any) -> Mesh | None:
+    def _read(self, prim: Any, display: Display) -> Mesh | None:
         shape = UsdGeom.Mesh(prim)
         name = prim.GetName()
         points = self.values.array(shape.GetPointsAttr(), 3)
@@ -89,7 +96,7 @@ class MeshReader:
         at = Corners(places, corners[places], faces[owners])
         slots, finishes = self._slots(prim, len(counts))
         chosen = slots[at.faces]
-        painted, names = self._painted(prim, at, chosen, finishes)
+        painted, names = self._painted(prim, at, chosen, finishes, display)
         self._tell(shape)
         return Mesh(
             name=name,
@@ -139,7 +146,12 @@ class MeshReader:
         return slots, finishes
 
     def _painted(
-        self, prim: Any, at: Corners, slots: Integers, finishes: list[Finish]
+        self,
+        prim: Any,
+        at: Corners,
+        slots: Integers,
+        finishes: list[Finish],
+        display: Display,
     ) -> tuple[Integers, tuple[str, ...]]:
         """Slots of triangles (t,) by colour, and the names of materials by slot."""
         painted = np.zeros(len(slots), dtype=np.int64)
@@ -147,7 +159,7 @@ class MeshReader:
         for slot, finish in enumerate(finishes):
             chosen = slots == slot
             if chosen.any():
-                made, numbers = self.finishes.on_triangles(prim, finish, at.of(chosen))
+                made, numbers = self.finishes.on_triangles(prim, finish, at.of(chosen), display)
                 places = [names.setdefault(material.name, len(names)) for material in made]
                 painted[chosen] = np.array(places)[numbers]
         return painted, tuple(names)
@@ -166,6 +178,7 @@ class MeshReader:
             if found is None:
                 self.findings.warn(prim.GetName(), "texture coordinates are missing")
                 continue
-            answer[chosen] = found @ finish.mapping[:, :2].T + finish.mapping[:, 2]
+            with np.errstate(invalid="ignore"):
+                answer[chosen] = found @ finish.mapping[:, :2].T + finish.mapping[:, 2]
             known = True
         return answer if known else None

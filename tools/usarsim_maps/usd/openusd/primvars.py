@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from pxr import UsdGeom
@@ -14,6 +14,15 @@ from usarsim_maps.usd.openusd.values import StageValues, numbers
 
 COORDINATES = ("st", "UVMap", "st0", "map1")
 """Usual names of texture coordinates."""
+
+
+DISPLAY = ("displayColor", "displayOpacity")
+"""Primvars of what no material colours."""
+
+Display: TypeAlias = tuple[tuple[float, ...] | None, tuple[float, ...] | None]
+"""Values of these two for one copy of an instancer; None: it says none."""
+
+NO_DISPLAY: Display = (None, None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +56,25 @@ def colors_at(prim: Any, name: str, corners: Corners, values: StageValues) -> Ar
     if index.max(initial=0) >= len(flat):
         return None
     return np.asarray(flat[index].mean(axis=1))
+
+
+def displays(prim: Any, count: int, outer: Display, values: StageValues) -> list[Display]:
+    """Colour and opacity of each copy of an instancer: its own, else that of a copy around it."""
+    columns: list[Sequence[tuple[float, ...] | None]] = []
+    for name, otherwise in zip(DISPLAY, outer, strict=True):
+        found = color_values(prim, name, values)
+        if found is None or len(found) not in (1, count):
+            columns.append([otherwise] * count)
+        else:
+            rows = [tuple(row) for row in found.tolist()]
+            columns.append(rows * count if len(rows) == 1 else rows)
+    return [(color, clearness) for color, clearness in zip(*columns, strict=True)]
+
+
+def own_color(display: Display, name: str) -> Array | None:
+    """The value (1, 1 or more) of a copy for one of the primvars `DISPLAY`; None without one."""
+    value = dict(zip(DISPLAY, display, strict=True)).get(name)
+    return None if value is None else np.array([value])
 
 
 def coordinates_at(prim: Any, name: str, corners: Corners, values: StageValues) -> Array | None:

@@ -17,8 +17,9 @@ from usarsim_maps.apart import run_apart
 from usarsim_maps.files import MAX_BYTES, check_size, read_bytes, read_head
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import Context
+from usarsim_maps.usd.schemas import STAGES
 from usarsim_server.errors import MapImportError, at
-from usarsim_server.files import ALLOW
+from usarsim_server.files import ALLOW, is_regular
 
 MAX_ENTRIES = 20_000
 """Files in one USDZ archive."""
@@ -38,6 +39,7 @@ LEVELS = "lod"
 _QUOTED = re.compile(r" : '(.*?)'\s*(?=\n\s*Error in|$)", re.DOTALL)
 _PLACE = re.compile(r".*?:(?P<line>\d+):\d+: (?P<problem>.+)")
 _CLASSES = re.compile(r"\b(?:pxrInternal\w*|Sdf_\w+)::")
+_MEMORY = re.compile(r" \([^()]*<0x[0-9a-f]+>\)|<0x[0-9a-f]+>")
 _ASSET = re.compile(r"@(?P<file>[^@]+)@")
 _DIGITS = re.compile(r"\d+$")
 
@@ -163,22 +165,37 @@ def broken(source: Path, reason: object) -> MapImportError:
 
 
 def _plain(text: str) -> str:
-    """A message of the library on one line, without the names of its classes."""
-    return " ".join(_CLASSES.sub("", text).split())[:300]
+    """A message of the library on one line, without names of its classes and places in memory."""
+    return " ".join(_CLASSES.sub("", _MEMORY.sub("", text)).split())[:300]
 
 
 def _tell(stage: Any, messages: Iterable[str], findings: Findings) -> None:
-    """Note missing and broken references; the rest of the stage is there all the same."""
-    for text in (str(error) for error in stage.GetCompositionErrors()):
+    """Note missing and broken files and targets; the rest of the stage is there all the same."""
+    errors = [str(error) for error in stage.GetCompositionErrors()]
+    more = [text for text in messages if not any(error in text for error in errors)]
+    for text in (*errors, *more):
         found = _ASSET.search(text)
-        if found is not None and "open" in text:
-            findings.missing("file", found["file"])
-            findings.warn(found["file"], "a reference or payload cannot be opened; left out")
+        if found is not None and ("Could not open" in text or "Could not load" in text):
+            _tell_file(found["file"], _plain(text.partition(" -- ")[2]), findings)
         else:
             findings.warn("USD", _plain(text))
-    for text in messages:
-        if "Could not open asset" not in text:
-            findings.warn("USD", _plain(text))
+
+
+def _tell_file(name: str, problem: str, findings: Findings) -> None:
+    """Note a reference, a payload or a layer that is not there, or that the library cannot read.
+
+    The name is that in the stage if it led to no file.
+    """
+    path = Path(name)
+    if not (path.is_absolute() and is_regular(path)):
+        findings.missing("file", name)
+        findings.warn(name, "a reference or payload cannot be opened; left out")
+        return
+    findings.skip("file", path.name)
+    if path.suffix.lower() in STAGES:
+        findings.warn(path.name, f"a reference or payload is damaged and was left out ({problem})")
+    else:
+        findings.warn(path.name, "a reference to no file of OpenUSD was left out; export it as one")
 
 
 def finest_variants(stage: Any, findings: Findings) -> None:

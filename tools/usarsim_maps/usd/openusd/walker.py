@@ -26,6 +26,7 @@ from usarsim_maps.usd.openusd.physics import (
     is_moved,
     mass_of,
 )
+from usarsim_maps.usd.openusd.primvars import NO_DISPLAY, Display, displays
 from usarsim_maps.usd.openusd.shapes import SHAPES, shape_of
 from usarsim_maps.usd.openusd.stage import has_samples
 from usarsim_maps.usd.openusd.values import StageValues, matrix, shown_moment
@@ -66,6 +67,7 @@ class _Instance:
     suffix: str = ""
     depth: int = 0
     purpose: str = "default"  # of what has none of its own
+    display: Display = NO_DISPLAY  # of what has no colour of its own
 
 
 @dataclass(slots=True, eq=False)
@@ -77,6 +79,7 @@ class _Thing:
     name: str
     suffix: str
     movable: bool
+    display: Display
     shapes: list[tuple[Any, Array, bool, Collision]] = field(default_factory=list)
 
 
@@ -209,6 +212,7 @@ class StageReader(SceneBuilder):
         self.findings.count("PointInstancer")
         outer = self._matrix(prim, place)
         purpose = self._purpose(prim, place)
+        shades = displays(prim, len(chosen), place.display, self._values)
         for number, (index, transform, shown) in enumerate(
             zip(chosen, transforms, mask, strict=True)
         ):
@@ -225,7 +229,8 @@ class StageReader(SceneBuilder):
             within, _ = self._transforms.GetLocalTransformation(target)
             prefix = outer @ matrix(transform) @ matrix(within) @ np.linalg.inv(own)
             suffix = f"{place.suffix}_{number}"
-            self._walk(target, PROTOTYPES, _Instance(prefix, suffix, place.depth + 1, purpose))
+            copy = _Instance(prefix, suffix, place.depth + 1, purpose, shades[number])
+            self._walk(target, PROTOTYPES, copy)
 
     # ---- shapes ----------------------------------------------------------------------------
 
@@ -242,7 +247,9 @@ class StageReader(SceneBuilder):
         if key not in self._things:
             name = f"{owner.GetName()}{place.suffix}"
             moved = is_moved(owner, self._values)
-            self._things[key] = _Thing(owner, self._matrix(owner, place), name, place.suffix, moved)
+            self._things[key] = _Thing(
+                owner, self._matrix(owner, place), name, place.suffix, moved, place.display
+            )
         felt = collision(prim, self._values)
         announced = collision_of(prim.GetName())
         if announced is not None:
@@ -269,7 +276,7 @@ class StageReader(SceneBuilder):
             if not (np.abs(local) < FARTHEST).all():
                 self.findings.warn(prim.GetName(), "a shape at no place was left out")
                 continue
-            found = self._build(prim, local)
+            found = self._build(prim, local, thing.display)
             if found is None:
                 continue
             shape, local, material = found
@@ -293,10 +300,10 @@ class StageReader(SceneBuilder):
             friction=friction,
         )
 
-    def _build(self, prim: Any, local: Array) -> tuple[Shape, Array, str] | None:
+    def _build(self, prim: Any, local: Array, display: Display) -> tuple[Shape, Array, str] | None:
         """A shape, its matrix, and the name of its material unless the shape knows its own."""
         if prim.GetTypeName() == "Mesh":
-            mesh = self._reader.read(prim)
+            mesh = self._reader.read(prim, display)
             check_count(self.path, self._reader.triangles)
             return None if mesh is None else (mesh, local, "")
         found = shape_of(prim, local, self._values)
@@ -304,7 +311,7 @@ class StageReader(SceneBuilder):
             self.findings.warn(prim.GetName(), "a shape without any size was left out")
             return None
         shape, place = found
-        material = self._finishes.on_shape(prim, self._finishes.of(prim)).name
+        material = self._finishes.on_shape(prim, self._finishes.of(prim), display).name
         if isinstance(shape, Mesh):
             return replace(shape, materials=(material,)), place, ""
         return shape, place, material
