@@ -171,8 +171,9 @@ def _plain(text: str) -> str:
 
 def _tell(stage: Any, messages: Iterable[str], findings: Findings) -> None:
     """Note missing and broken files and targets; the rest of the stage is there all the same."""
-    errors = [str(error) for error in stage.GetCompositionErrors()]
-    more = [text for text in messages if not any(error in text for error in errors)]
+    # In order: the library's threads find them in any.
+    errors = sorted(str(error) for error in stage.GetCompositionErrors())
+    more = sorted(text for text in messages if not any(error in text for error in errors))
     for text in (*errors, *more):
         found = _ASSET.search(text)
         if found is not None and ("Could not open" in text or "Could not load" in text):
