@@ -33,7 +33,7 @@ from usarsim_server.errors import SpawnError
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.simulation.model import PhysicsOptions, RobotModel
-from usarsim_server.simulation.placement import TOLERATED, Placement
+from usarsim_server.simulation.placement import CLEARANCE, TOLERATED, Placement
 
 LOWER, UPPER = (-20.0, -20.0, -10.0), (20.0, 20.0, 20.0)
 FRONT = 0.1331 + RADIUS
@@ -144,7 +144,7 @@ class TestOutside:
             ((20.1, 0.0, RADIUS), (20.0, 0.0, RADIUS)),
             ((3.0, -1e9, RADIUS), (3.0, -20.0, RADIUS)),
             ((1e9, -1e9, RADIUS), (20.0, -20.0, RADIUS)),
-            ((0.0, 0.0, 500.0), (0.0, 0.0, 20.0)),
+            ((0.0, 0.0, 500.0), (0.0, 0.0, RADIUS + CLEARANCE)),
         ],
     )
     def test_nearest_place_inside(
@@ -153,7 +153,7 @@ class TestOutside:
         expected: tuple[float, float, float],
         caplog: pytest.LogCaptureFixture,
     ) -> None:
-        """Every coordinate is taken to the edge of the box, and one line tells of it."""
+        """It is the edge of the box, on the floor there, and one line tells of it."""
         assert find(fresh(), 0, pose_at(*place)).position == expected
         assert [record.getMessage().count("outside the world") for record in caplog.records] == [1]
 
@@ -161,7 +161,7 @@ class TestOutside:
         """The box is larger than the floor: it starts where the floor begins, not over the void."""
         x, y, z = find(fresh(slab(0.2)), 0, pose_at(1e4, 0.0, 0.5)).position
         assert 14.0 < x < 15.0 - FRONT
-        assert (y, z) == (0.0, 0.5)
+        assert (y, z) == (0.0, pytest.approx(RADIUS + CLEARANCE))
 
     def test_below_a_floor_of_finite_thickness(self) -> None:
         """From below the box it is lifted onto the floor above."""
@@ -171,6 +171,95 @@ class TestOutside:
         """Below an endless floor is not outside; a robot in the box is left alone."""
         find(fresh(), 0, pose_at(0.0, 0.0, -60.0))
         find(fresh(), 0, pose_at(19.9, 0.0))
+        assert not caplog.records
+
+
+def flying() -> RobotModel:
+    """The test robot, carried by something else than the floor."""
+
+    def build() -> mujoco.MjSpec:
+        spec = build_robot()
+        for body in spec.bodies:
+            body.gravcomp = float(body.name != "world")
+        return spec
+
+    return RobotModel("flying", build, ROBOT.driven, RADIUS)
+
+
+def terraced() -> Scenery:
+    """A wall of 2.2 m, 0.6 m thick, between a floor and the edge of a platform 0.4 m high."""
+    return furnished(
+        box("wall", (5.0, 0.0, 1.1), (0.3, 6.0, 1.1)),
+        box("platform", (8.3, 0.0, 0.2), (3.0, 6.0, 0.2)),
+    )
+
+
+class TestGround:
+    """Robots that have to be moved stand on level ground."""
+
+    @pytest.mark.parametrize("z", [0.5, 1.5, 2.15])
+    def test_not_on_a_wall(self, z: float) -> None:
+        """From inside a wall it comes to the floor beside it, however near its top is."""
+        x, _, height = find(fresh(terraced()), 0, pose_at(4.9, 0.3, z)).position
+        assert x < 5.0 - 0.3 - FRONT + TOLERATED
+        assert height == pytest.approx(RADIUS + CLEARANCE)
+
+    def test_not_on_a_wall_at_the_edge_of_the_world(self) -> None:
+        """From outside the world, above the top of the wall around it, it comes inside."""
+        ring = furnished(box("wall", (19.8, 0.0, 1.0), (0.25, 20.0, 1.0)))
+        x, _, height = find(fresh(ring), 0, pose_at(23.0, 0.3, 2.25)).position
+        assert 18.0 < x < 19.5
+        assert height == pytest.approx(RADIUS + CLEARANCE)
+
+    def test_floor_beyond_what_is_drawn_of_it(self) -> None:
+        """A plane carries a robot beyond the rectangle that cameras draw of it."""
+
+        def small() -> mujoco.MjSpec:
+            spec = walled()()
+            spec.geom("floor").size = [0.5, 0.5, 0.1]
+            return spec
+
+        x, _, height = find(fresh(small), 0, pose_at(1.0 - FRONT + 0.3, 0.4, 1.5)).position
+        assert x < 1.0 - FRONT + TOLERATED
+        assert height == pytest.approx(RADIUS + CLEARANCE)
+
+    def test_platform_is_ground(self) -> None:
+        """A platform that it can drive on is ground as good as the floor."""
+        x, _, height = find(fresh(terraced()), 0, pose_at(5.2, 0.3, 0.6)).position
+        assert x > 5.3
+        assert height == pytest.approx(0.4 + RADIUS + CLEARANCE)
+
+    def test_level_ground_rather_than_near(self) -> None:
+        """On the posts of a step field it would lean; a metre farther it does not."""
+        posts = [
+            box(
+                f"post{n}",
+                (0.2 * (n % 6), 0.2 * (n // 6), 0.0),
+                (0.1, 0.1, 0.01 + 0.05 * (n * 5 % 7)),
+            )
+            for n in range(36)
+        ]
+        blocked = box("block", (0.5, 0.5, 0.4), (0.2, 0.2, 0.4))
+        x, y, height = find(fresh(furnished(*posts, blocked)), 0, pose_at(0.5, 0.5)).position
+        assert height == pytest.approx(RADIUS, abs=1.1 * CLEARANCE)
+        assert not (-0.2 < x < 1.2 and -0.2 < y < 1.2)
+
+    @pytest.mark.parametrize(
+        ("slope", "said"), [(0.0, 0), (2.0, 0), (4.0, 1)], ids=["level", "2 deg", "4 deg"]
+    )
+    def test_free_place_is_kept_and_told(
+        self, slope: float, said: int, caplog: pytest.LogCaptureFixture
+    ) -> None:
+        """A free place that was asked for is kept; where it leans the log says so."""
+        pose = pose_at(0.0, 0.0, RADIUS + 0.03)
+        assert find(fresh(floor(slope=math.radians(slope))), 0, pose) == pose
+        assert [record.getMessage().count("not level") for record in caplog.records] == [1] * said
+
+    def test_what_flies_takes_the_nearest_place(self, caplog: pytest.LogCaptureFixture) -> None:
+        """Aircraft stay in the air: neither moved down to a floor nor told of its slope."""
+        engine = fresh(terraced(), flying())
+        assert find(engine, 0, pose_at(4.9, 0.3, 2.1)).position[2] == pytest.approx(2.1, abs=0.3)
+        assert find(engine, 0, pose_at(0.0, 0.0, 1.0)) == pose_at(0.0, 0.0, 1.0)
         assert not caplog.records
 
 

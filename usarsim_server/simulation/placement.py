@@ -1,10 +1,10 @@
 """Where robots and things may be put: a robot gets the nearest free place, a thing its own or none.
 
 The original put robots exactly where they were told, inside walls too, and left the rest to
-physics. Here a robot that would start deeper than `TOLERATED` inside something is moved to the
-nearest free place, so that it can neither be shot out of a wall nor shove other robots aside. One
-that would start outside the box of the world starts at the nearest place inside, over ground. A
-thing is refused if its place is blocked.
+physics. Here a robot that would start deeper than `TOLERATED` inside something, or outside the box
+of the world, is moved, so that it can neither be shot out of a wall nor shove other robots aside:
+to the nearest floor below or beside on which it stands level, and never to the top of a wall. What
+floats is moved to the nearest free place. A thing is refused if its place is blocked.
 """
 
 from __future__ import annotations
@@ -36,7 +36,21 @@ HIGH_LIFTS = (0.5, 1.0, 2.0, 3.0, 5.0)
 INWARD_STEP = 0.25
 """m between two looks for ground on the way from the edge of the world to its middle."""
 MOST_LOOKS = 2000
+FAR_RINGS = (4.0, 5.0, 6.5, 8.0, 10.0)
+"""m: radii searched for a level floor where there is none within `RINGS`."""
 DIRECTIONS = 12
+TILT, UNEVEN = math.radians(3.0), 0.03
+"""rad and m: how far ground may lean, and stand out of its plane, that counts as level."""
+ABOVE_GROUND = 0.3
+"""m above ground from which its neighbourhood is looked at."""
+DROP, MOST_DROPS = 0.5, 5
+"""m by which the neighbourhood lies lower at a drop, and in how many of eight directions there may
+be one: five at the corner of a platform, six or more on the top of a wall."""
+FOOT = 0.7
+"""Part of its reach at which a robot stands on the ground."""
+AROUND = 0.5
+"""m beyond the robot's reach at which drops are looked for."""
+EIGHT = tuple((math.cos(n * math.pi / 4.0), math.sin(n * math.pi / 4.0)) for n in range(8))
 FIT_CLEARANCE = 0.001
 """m above an endless floor that a thing is lifted to."""
 CAPSULE_END = 2.0 / 3.0
@@ -87,6 +101,8 @@ class Placement(_Judge):
         self._model.geom_rgba[hollow, 3] = 0.0
         self._model.geom_matid[hollow] = -1
         self._floors = np.flatnonzero(self._model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
+        # MuJoCo's rays pass a plane beyond what is drawn of it; contacts know no such end.
+        self._model.geom_size[self._floors, :2] = 0.0
         mujoco.mj_kinematics(self._model, self._data)
 
     def admit(self, pose: Pose, rest_height: float) -> Pose:
@@ -101,38 +117,145 @@ class Placement(_Judge):
         return self._above_floor(self._moved_inside(pose), rest_height)
 
     def find(self, snapshot: Snapshot, slot: int, pose: Pose) -> Pose:
-        """The wanted pose of the reference point if it is free, else the nearest free one.
+        """The wanted pose of the reference point if it is free, else the nearest good one.
 
-        `slot` is the one that will be used, parked so far.
+        That is the nearest floor within 10 m below or beside it on which the robot stands level. If
+        there is none, or the robot floats, it is the nearest free place within 3 m.
+
+        Args:
+            snapshot: where everything is.
+            slot: the one that will be used, parked so far.
+            pose: wanted.
 
         Raises:
             SpawnError: if the pose is not finite or everything near is full.
         """
         rest_height = self._world.slots[slot].rest_height
         grounded = self.admit(pose, rest_height)
-        if not self._inside(self._above_floor(pose, rest_height)):
+        outside = not self._inside(self._above_floor(pose, rest_height))
+        if outside:
             grounded = self._over_ground(snapshot, slot, grounded)
+        grounded = self._above_slab(snapshot, grounded, rest_height)
+        floats = self._model.body_gravcomp[self._world.layouts[slot].base] > 0.0
+        if grounded == pose and self._is_free(snapshot, slot, grounded):
+            if not floats:
+                self._tell_slope(snapshot, slot, grounded)
+            return grounded
+        found = None if floats else self._level_place(snapshot, slot, grounded)
+        found = found or self._free_place(snapshot, slot, grounded)
+        if found is None:
+            x, y, z = pose.position
+            raise SpawnError(f"no free place within {RINGS[-1]:g} m of ({x:.2f}, {y:.2f}, {z:.2f})")
+        if outside:
             _log.warning(
                 "a place outside the world was asked for, taking the nearest inside",
                 wanted=pose.position,
-                to=grounded.position,
+                to=found.position,
             )
-        grounded = self._above_slab(snapshot, grounded, rest_height)
-        places = around(grounded.position, RINGS, DIRECTIONS)
-        poses = (Pose(place, grounded.quaternion) for place in places)
+        return found
+
+    def _free_place(self, snapshot: Snapshot, slot: int, pose: Pose) -> Pose | None:
+        """The nearest free pose of the same attitude, lifted if need be; None if all is full."""
+        places = around(pose.position, RINGS, DIRECTIONS)
+        poses = (Pose(place, pose.quaternion) for place in places)
         for place in filter(self._inside, poses):
             blocked, by_moving = self._overlap(snapshot, slot, place)
             if blocked <= TOLERATED:
                 return place
             # Never on top of a robot or a crate, which may drive away below.
             for lift in () if by_moving else LIFTS:
-                if self._overlap(snapshot, slot, _raised(place, lift))[0] <= TOLERATED:
+                if self._is_free(snapshot, slot, _raised(place, lift)):
                     return _raised(place, lift)
-        for lift in HIGH_LIFTS:
-            if self._overlap(snapshot, slot, _raised(grounded, lift))[0] <= TOLERATED:
-                return _raised(grounded, lift)
+        lifted = (_raised(pose, lift) for lift in HIGH_LIFTS)
+        return next((one for one in lifted if self._is_free(snapshot, slot, one)), None)
+
+    def _is_free(self, snapshot: Snapshot, slot: int, pose: Pose) -> bool:
+        return self._overlap(snapshot, slot, pose)[0] <= TOLERATED
+
+    # -- level ground ------------------------------------------------------------------------
+
+    def _level_place(self, snapshot: Snapshot, slot: int, pose: Pose) -> Pose | None:
+        """The nearest free pose on level ground below or beside a pose; None if there is none."""
+        rest_height = self._world.slots[slot].rest_height
+        self._park(snapshot)
+        reach = self._reach(slot)
+        for x, y, z in around(pose.position, (*RINGS, *FAR_RINGS), DIRECTIONS):
+            # From a little higher, too: a floor beside may be a step or a slope up.
+            for lift in (0.0, LIFTS[-1]):
+                self._park(snapshot)
+                floor = self._floor((x, y, z + lift))
+                height = floor + rest_height
+                stands = abs(z - height) < 1.5 * CLEARANCE
+                place = Pose((x, y, z if stands else height + CLEARANCE), pose.quaternion)
+                if not math.isfinite(floor) or not self._inside(place):
+                    continue
+                tilt, uneven = self._slope((x, y, floor), reach)
+                if tilt > TILT or uneven > UNEVEN or self._drops((x, y, floor), reach):
+                    continue
+                if self._is_free(snapshot, slot, place):
+                    return place
+        return None
+
+    def _tell_slope(self, snapshot: Snapshot, slot: int, pose: Pose) -> None:
+        """Log that the ground below a place that was asked for is not level."""
+        self._park(snapshot)
         x, y, z = pose.position
-        raise SpawnError(f"no free place within {RINGS[-1]:g} m of ({x:.2f}, {y:.2f}, {z:.2f})")
+        floor = self._floor((x, y, z))
+        if not math.isfinite(floor):
+            return
+        tilt, uneven = self._slope((x, y, floor), self._reach(slot))
+        if tilt > TILT or uneven > UNEVEN:
+            rough = math.isfinite(uneven)
+            _log.warning(
+                "the place that was asked for is not level",
+                place=pose.position,
+                tilt=f"{math.degrees(tilt):.0f} deg" if rough else "at an edge",
+                uneven=f"{uneven:.2f} m" if rough else "at an edge",
+            )
+
+    def _park(self, snapshot: Snapshot) -> None:
+        """Take the robot away from where it was tried, so that rays do not meet it."""
+        self._show(snapshot)
+        mujoco.mj_kinematics(self._model, self._data)
+
+    def _floor(self, start: Vector) -> float:
+        """Height of the ground straight below a point; infinite if that is a thing that moves."""
+        way, geom = self._meet(start, -1.0)
+        if geom < 0 or self._model.body_weldid[self._model.geom_bodyid[geom]]:
+            return math.inf
+        return start[2] - way
+
+    def _slope(self, ground: Vector, reach: float) -> tuple[float, float]:
+        """How far the ground below a robot leans, rad, and stands out of its plane, m.
+
+        Both are infinite where there is a hole, or a thing that moves.
+
+        Args:
+            ground: the point below its reference point.
+            reach: how far the robot reaches from there, m.
+        """
+        x, y, z = ground
+        radius = FOOT * reach
+        heights = np.array(
+            [self._floor((x + c * radius, y + s * radius, z + ABOVE_GROUND)) - z for c, s in EIGHT]
+        )
+        if not np.isfinite(heights).all():
+            return math.inf, math.inf
+        ways = np.array(EIGHT) * radius
+        # Least squares: the directions are even, so both parts of the slope are independent.
+        gradient = heights @ ways / (ways**2).sum(axis=0)
+        middle = heights.mean()
+        uneven = max(np.abs(heights - middle - ways @ gradient).max(), abs(middle))
+        return math.atan(float(np.hypot(*gradient))), float(uneven)
+
+    def _drops(self, ground: Vector, reach: float) -> bool:
+        """Whether ground is a wall's top: too many ways from it lead down."""
+        x, y, z = ground
+        away = reach + AROUND
+        floors = (
+            self._meet((x + c * away, y + s * away, z + ABOVE_GROUND), -1.0) for c, s in EIGHT
+        )
+        return sum(way > ABOVE_GROUND + DROP for way, _ in floors) > MOST_DROPS
 
     def _moved_inside(self, pose: Pose) -> Pose:
         """The nearest pose in the box of the world."""
@@ -210,12 +333,16 @@ class Placement(_Judge):
 
     def _way(self, start: Vector, up: float) -> float:
         """Way (m) to the next surface straight up (1) or down (-1); inf if there is none."""
+        return self._meet(start, up)[0]
+
+    def _meet(self, start: Vector, up: float) -> tuple[float, int]:
+        """Way (m) to the next surface straight up (1) or down (-1), and its geom; inf and -1."""
         geom = np.zeros(1, dtype=np.int32)
         upward = np.array([0.0, 0.0, up])
         model, data = self._model, self._data
         way = mujoco.mj_ray(model, data, np.array(start), upward, None, 1, -1, geom, None)
         reached = geom[0] >= 0 and start[2] + up * way < SHELF_HEIGHT - 100.0
-        return float(way) if reached else math.inf
+        return (float(way), int(geom[0])) if reached else (math.inf, -1)
 
     def _overlap(self, snapshot: Snapshot, slot: int, pose: Pose) -> tuple[float, bool]:
         """Deepest overlap (m) of the robot at a pose, and whether anything movable is in it."""
