@@ -12,7 +12,8 @@ from PIL import Image
 from sdf_samples import PLUGIN, load, model, shape
 from t3d_maps import brush, level, room, start, two_rooms
 
-from usarsim_maps.build.preview import CUT, SKY, Preview, covered, write_previews
+from usarsim_maps.build.preview import SKY, Preview, covered, write_previews
+from usarsim_server.cameras.cutaway import CUT_COLOR
 from usarsim_server.worlds.description import WorldDescription
 
 Pixels = NDArray[np.uint8]
@@ -33,7 +34,7 @@ def test_the_plan_shows_walls_as_cuts(tmp_path: Path) -> None:
     pillar = brush("Pillar", (100, 100, 0), (350, 350, 750))
     table = brush("Table", (-400, -400, 0), (-100, -100, 200))
     preview = preview_of(tmp_path, room(), pillar, table, start("S", (-300, 300, 60)))
-    cut = like(preview.top(), CUT)
+    cut = like(preview.top(), CUT_COLOR)
     x, y, _ = preview._grid(800, 600)
     assert cut[(x > 0.45) & (x < 1.35) & (y > -1.35) & (y < -0.45)].all()  # the pillar
     assert cut[(np.abs(x) > 2.05) & (np.abs(x) < 2.2) & (np.abs(y) < 2.0)].all()  # the walls
@@ -53,7 +54,7 @@ def test_views_show_all_of_the_map(tmp_path: Path, corner: int) -> None:
     assert sky[:, 0].all()
     assert sky[:, -1].all()
     assert 0.15 < (~sky).mean() < 0.9
-    assert 0.01 < like(image, CUT).mean() < 0.3
+    assert 0.01 < like(image, CUT_COLOR).mean() < 0.3
 
 
 def test_a_cave_is_seen_into(tmp_path: Path) -> None:
@@ -62,8 +63,8 @@ def test_a_cave_is_seen_into(tmp_path: Path) -> None:
     cave = brush("Cave", (-1000, -1000, 0), (1000, 1000, 800), "CSG_Subtract")
     preview = preview_of(tmp_path, rock, cave, start("S", (0, 0, 60)))
     image = preview.view(0)
-    assert like(image, CUT)[[0, 0, -1, -1], [0, -1, 0, -1]].all()
-    assert not like(image, CUT)[300, 400]
+    assert like(image, CUT_COLOR)[[0, 0, -1, -1], [0, -1, 0, -1]].all()
+    assert not like(image, CUT_COLOR)[300, 400]
 
 
 def test_starts_point_ahead(tmp_path: Path) -> None:

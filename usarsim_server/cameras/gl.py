@@ -7,7 +7,9 @@ So that is what one gets unless one asks for more, and what `drawing.py` does ha
 
 from __future__ import annotations
 
+import contextlib
 import importlib
+from collections.abc import Iterator
 from typing import Any
 
 import mujoco
@@ -63,12 +65,13 @@ class GlBackend:
         else:
             self._drawing.seen(self._scene, eye, cull=not self._quality.shadows)
         area = mujoco.MjrRect(0, 0, eye.width, eye.height)
-        mujoco.mjr_render(area, self._scene, self._renderer)
-        raw = buffers.raw_depth if wanted.depth else None
-        mujoco.mjr_readPixels(buffers.colors, raw, area, self._renderer)
-        depth = self._metres(stage, buffers) if wanted.depth else None
-        albedo = self._albedo(area, buffers) if wanted.albedo else None
-        geoms = self._geoms(area, buffers) if wanted.geoms else None
+        with self._below_cut(eye):
+            mujoco.mjr_render(area, self._scene, self._renderer)
+            raw = buffers.raw_depth if wanted.depth else None
+            mujoco.mjr_readPixels(buffers.colors, raw, area, self._renderer)
+            depth = self._metres(stage, buffers) if wanted.depth else None
+            albedo = self._albedo(area, buffers) if wanted.albedo else None
+            geoms = self._geoms(area, buffers) if wanted.geoms else None
         return Shot(buffers.colors[::-1], depth, albedo, geoms)
 
     @property
@@ -96,6 +99,34 @@ class GlBackend:
             self._renderer = None
         self._gl.free()
         self._gl = None
+
+    @contextlib.contextmanager
+    def _below_cut(self, eye: Eye) -> Iterator[None]:
+        """Have OpenGL draw nothing above the cut of an eye meanwhile.
+
+        Without shadows: what is cut off would still throw some, and maps of shadows are drawn from
+        another eye, for which the plane is a wrong one.
+        """
+        if not eye.cuts:
+            yield
+            return
+        gl = importlib.import_module("OpenGL.GL")
+        ahead, left, up = eye.pose.matrix()[2]
+        # In the frame of OpenGL's eye: x to the right, y up, z back.
+        plane = (left, -up, ahead, eye.cut - eye.pose.position[2])
+        shadows = self._scene.flags[_FLAGS.mjRND_SHADOW]
+        self._scene.flags[_FLAGS.mjRND_SHADOW] = 0
+        gl.glMatrixMode(gl.GL_MODELVIEW)
+        gl.glPushMatrix()
+        gl.glLoadIdentity()
+        gl.glClipPlane(gl.GL_CLIP_PLANE5, plane)
+        gl.glPopMatrix()
+        gl.glEnable(gl.GL_CLIP_PLANE5)
+        try:
+            yield
+        finally:
+            gl.glDisable(gl.GL_CLIP_PLANE5)
+            self._scene.flags[_FLAGS.mjRND_SHADOW] = shadows
 
     # -- the model ---------------------------------------------------------------------------
 

@@ -17,6 +17,7 @@ from usarsim_server.cameras.backend import (
     usable_platform,
     works,
 )
+from usarsim_server.cameras.cutaway import CUT_COLOR, Caps
 from usarsim_server.cameras.gl import GlBackend
 from usarsim_server.cameras.looks import Air, brightness, reaching, shine
 from usarsim_server.cameras.posed_model import Stage
@@ -93,15 +94,33 @@ class Painter:
 
     def picture(self, view: View, snapshot: Snapshot) -> NDArray[np.generic]:
         """A picture in the mode of a view (see `View`); the caller's own."""
-        eye = Eye(view.pose, view.fov, view.width, view.height)
+        eye = Eye(view.pose, view.fov, view.width, view.height, view.cut)
         if view.mode == "rgb":
-            return self.tile(eye, snapshot).copy()
+            colors = self.tile(eye, snapshot).copy()
+            colors[self._cut(eye)[1] >= 0] = np.rint(255.0 * CUT_COLOR).astype(np.uint8)
+            return colors
         depth = view.mode == "depth"
         wanted = Wanted(depth=depth, geoms=not depth, exact=True)
         shot = self._backend.render(self._show(snapshot), eye, wanted)
         answer = shot.depth if depth else shot.geoms
         assert answer is not None
-        return answer.copy()
+        answer = answer.copy()
+        ways, geoms = self._cut(eye)
+        answer[geoms >= 0] = ways[geoms >= 0] if depth else geoms[geoms >= 0]
+        return answer
+
+    def _cut(self, eye: Eye) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+        """Depths (height, width), m, and geoms of what an eye's cut goes through, of the stage
+        shown last; infinity and -1 elsewhere."""
+        shape = (eye.height, eye.width)
+        if not eye.cuts:
+            return np.full(shape, np.inf), np.full(shape, -1, dtype=np.intp)
+        stage = self._stage
+        assert stage is not None
+        caps = Caps(stage.model, stage.data, eye.cut)
+        directions = eye.rays().directions(eye.pose.matrix()).reshape(-1, 3)
+        ways, geoms = caps.seen(np.array(eye.pose.position), directions.astype(float))
+        return ways.reshape(shape), geoms.reshape(shape)
 
     def fall_back(self, error: Exception) -> None:
         """Go on with rays after the backend failed.

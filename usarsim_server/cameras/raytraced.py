@@ -31,6 +31,8 @@ SHAPES_KEPT = 512
 """Bodies of different shapes that are kept ready."""
 SHELLS = 4
 """Back faces that a ray passes at most: the inside of the housing that a camera sits in."""
+BEGIN = np.float32(NEAR)
+"""m ahead of the eye at which its rays begin."""
 SAMPLES = 64
 """Rays of a picture that tell whether its eye is inside something."""
 SOLID = 0.5
@@ -80,9 +82,14 @@ class Solid:
             self._scene = rtcore_scene.EmbreeScene()
             TriangleMesh(self._scene, faces.astype(np.float32))
 
-    def cast(self, origin: Array, directions: Plane) -> Hits:
-        """What rays from one point meet; depths are in units of the directions' lengths."""
-        return self._cast_on(origin, directions, np.float32(NEAR))
+    def cast(
+        self, origin: Array, directions: Plane, begin: Plane | np.float32 = BEGIN
+    ) -> Hits:
+        """What rays from one point meet; depths are in units of the directions' lengths.
+
+        They begin at some depth, a number or (n, 1).
+        """
+        return self._cast_on(origin, directions, begin)
 
     def cast_from_inside(self, origin: Array, directions: Plane) -> Hits:
         """The same for a point that may be inside: closed shapes are seen from outside only."""
@@ -235,7 +242,10 @@ class RayBackend:
         assert self._fixed is not None
         position = np.array(eye.pose.position)
         canvas = _Canvas(eye)
-        canvas.begin(self._fixed.cast_from_inside(position, canvas.directions))
+        if canvas.cut is None:
+            canvas.begin(self._fixed.cast_from_inside(position, canvas.directions))
+        else:
+            canvas.begin(self._fixed.cast(position, canvas.directions, canvas.cut[:, None]))
         for plane in self._planes:
             canvas.meet(*_cast_plane(stage, canvas, plane, position))
         for body in self._bodies:
@@ -257,13 +267,15 @@ class RayBackend:
         solid = self._solid_of(model, body)
         start = (position - data.xpos[body]) @ turn
         directions = canvas.directions[rays] @ turn.astype(np.float32)
+        if canvas.cut is not None:
+            hits = solid.cast(start, directions, canvas.cut[rays, None])
+            canvas.meet(rays, _of_body(hits, geoms, turn))
+            return
         within = float(np.linalg.norm(position - centre)) < radius + NEAR
         hits = (
             solid.cast_from_inside(start, directions) if within else solid.cast(start, directions)
         )
-        numbers = np.array([*geoms, -1], np.int32)
-        normals = hits.normals @ turn.T.astype(np.float32)
-        canvas.meet(rays, Hits(hits.depths, numbers[hits.geoms], normals))
+        canvas.meet(rays, _of_body(hits, geoms, turn))
 
     # -- colours -----------------------------------------------------------------------------
 
@@ -290,6 +302,8 @@ class _Canvas:
         directions: (n, 3), of length 1 along the viewing axis.
         depth: (n,) m. geoms: (n,). normals: (n, 3), on either side.
         hit: numbers of the rays that met anything.
+        cut: (n,) m at which rays come below the eye's cut, infinity for those that never do; None
+            if it cuts nothing off.
     """
 
     def __init__(self, eye: Eye) -> None:
@@ -298,6 +312,11 @@ class _Canvas:
         self._rotation = eye.pose.matrix()
         self.directions = self._rays.directions(self._rotation).reshape(-1, 3)
         self.hit = np.zeros(0, np.intp)
+        self.cut: Plane | None = None
+        if eye.cuts:
+            drop = np.float32(eye.pose.position[2] - eye.cut)
+            falling = np.minimum(self.directions[:, 2], np.float32(-1e-9))
+            self.cut = np.maximum(-drop / falling, np.float32(NEAR))
 
     def begin(self, hits: Hits) -> None:
         """Take what all rays hit first."""
@@ -353,6 +372,12 @@ class _Canvas:
         return (grid + np.arange(columns.start, columns.stop)[None]).ravel()
 
 
+def _of_body(hits: Hits, geoms: Sequence[int], turn: Array) -> Hits:
+    """Hits on a body, which is turned (3, 3), in the world; its geoms are numbers of the model."""
+    numbers = np.array([*geoms, -1], np.int32)
+    return Hits(hits.depths, numbers[hits.geoms], hits.normals @ turn.T.astype(np.float32))
+
+
 def _interval(x: float, y: float, radius: float, slopes: Plane) -> slice:
     """Indices of falling slopes between the tangents to a disc; all if the eye is inside."""
     square = x * x + y * y - radius * radius
@@ -393,7 +418,7 @@ def _cast_plane(
         if half > 0.0:
             ways = canvas.directions[rays] @ turn[:, axis].astype(np.float32)
             depths[np.abs(local[axis] + depths * ways) > half] = np.inf
-    depths[depths < NEAR] = np.inf
+    depths[depths < (NEAR if canvas.cut is None else canvas.cut[rays])] = np.inf
     found = np.where(np.isfinite(depths), geom, -1).astype(np.int32)
     return rays, Hits(depths, found, np.broadcast_to(normal, (len(rays), 3)))
 

@@ -9,11 +9,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
+from usarsim_server.cameras.cutaway import find_cutaway
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.view import View, looking
 from usarsim_server.errors import UsarsimError
@@ -50,6 +51,7 @@ class Viewpoint:
     name: str  # for people
     pose: Pose  # in the world; x looks, y is left, z is up
     fov: float = FOV  # horizontal field of view, rad
+    cut: float = math.inf  # m: what is higher is left out, see `View`
 
 
 def find_viewpoint(text: str, known: Mapping[str, Viewpoint]) -> Viewpoint:
@@ -79,18 +81,27 @@ def find_viewpoint(text: str, known: Mapping[str, Viewpoint]) -> Viewpoint:
 
 
 def named_viewpoints(
-    stage: Stage, world: WorldDescription, aspect: float = 4.0 / 3.0
+    stage: Stage, world: WorldDescription, aspect: float = 4.0 / 3.0, *, open_roofs: bool = False
 ) -> dict[str, Viewpoint]:
     """The views of a world, which is in the stage, by name.
 
-    `aspect` is width by height of the pictures; cameras of scenes have a vertical field of view.
+    Args:
+        stage, world: what is seen.
+        aspect: width by height of the pictures; cameras of scenes have a vertical field of view.
+        open_roofs: `top` and `overview` show the inside of a world that lies below ceilings, see
+            `cutaway`; it takes rays through all of the world.
     """
     starts = [start.pose for start in world.starts]
     lower, upper = _bounds(stage, starts)
     lower, upper = np.maximum(lower, world.lower), np.minimum(upper, world.upper)
+    level = math.inf
+    if open_roofs:
+        places = [pose.position for pose in starts]
+        cutaway = find_cutaway(stage.model, stage.data, places, lower, upper)
+        level, lower, upper = cutaway.level, cutaway.lower, cutaway.upper
     views = {
-        "top": _top(lower, upper, aspect),
-        "overview": _overview(lower, upper, aspect),
+        "top": replace(_top(lower, upper, aspect), cut=level),
+        "overview": replace(_overview(lower, upper, aspect, level), cut=level),
         "start": _start(stage, starts[0]),
     }
     views |= {view.name: view for view in _scene_cameras(stage, aspect)}
@@ -126,13 +137,13 @@ def _top(lower: Array, upper: Array, aspect: float) -> Viewpoint:
     return Viewpoint("top", looking((x, y, height), (x, y, 0.0)), fov)
 
 
-def _overview(lower: Array, upper: Array, aspect: float) -> Viewpoint:
-    """From a corner at a slant, far enough to see all."""
+def _overview(lower: Array, upper: Array, aspect: float, level: float) -> Viewpoint:
+    """From a corner at a slant, far enough to see all; `level` is where the world is cut, m."""
     middle = (lower + upper) / 2.0
     radius = float(np.linalg.norm(upper - lower)) / 2.0 * _ROOM
     fov = math.radians(60.0)
     narrow = math.atan(math.tan(fov / 2.0) / max(1.0, aspect))
-    away = 0.8 * radius / math.sin(narrow)
+    away = (0.8 if math.isinf(level) else 0.95) * radius / math.sin(narrow)
     level, climb = away * math.cos(_SLANT), away * math.sin(_SLANT)
     x, y, z = middle.tolist()
     position = (x - 0.8 * level, y - 0.6 * level, z + climb)

@@ -191,6 +191,7 @@ class View:
         pose: of the camera in the world; it looks along x, y is left, z is up.
         fov: horizontal field of view, rad.
         width, height: pixels.
+        cut: m; from above this height what is higher is not drawn, and what is solid there is dark.
         mode: `rgb` gives (height, width, 3) uint8; `depth` gives (height, width) float32, metres
             along the viewing axis, infinity where there is nothing; `segmentation` gives
             (height, width) int32, numbers of geoms in the compiled model, -1 where there is none.
@@ -204,6 +205,7 @@ class View:
     width: int = 640
     height: int = 480
     mode: Mode = "rgb"
+    cut: float = math.inf
 
     def __post_init__(self) -> None:
         if not (1 <= self.width <= MAX_PIXELS and 1 <= self.height <= MAX_PIXELS):
@@ -242,6 +244,12 @@ class Eye:
     fov: float  # horizontal field of view, rad
     width: int  # pixels
     height: int
+    cut: float = math.inf  # as in `View`
+
+    @property
+    def cuts(self) -> bool:
+        """Whether it is above its cut, so that it sees what is below only."""
+        return self.pose.position[2] > self.cut
 
     @property
     def slope(self) -> float:

@@ -161,15 +161,16 @@ def _view(assembly: Assembly, snapshot: Snapshot, arguments: argparse.Namespace)
     owner, slash, camera = arguments.view.rpartition("/")
     seen = assembly.board.find(camera, owner) if slash else None
     pose = None if seen is None else stage.place(seen)
+    cut = math.inf
     if seen is not None and pose is not None:
         fov = seen.fov
     else:
-        known = named_viewpoints(stage, assembly.world, width / height)
+        known = named_viewpoints(stage, assembly.world, width / height, open_roofs=True)
         found = find_viewpoint(arguments.view, known)
-        pose, fov = found.pose, found.fov
+        pose, fov, cut = found.pose, found.fov, found.cut
     if arguments.fov is not None:
         fov = math.radians(arguments.fov)
-    return View(pose, fov, width, height, arguments.mode)
+    return View(pose, fov, width, height, arguments.mode, cut)
 
 
 def _write(

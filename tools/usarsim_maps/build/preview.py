@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterator
 from pathlib import Path
 
 import mujoco
@@ -19,9 +18,20 @@ from PIL import Image as Picture
 
 from usarsim_maps.scene import Array, Mask
 from usarsim_maps.terminal import quiet
+from usarsim_server.cameras.cutaway import (
+    BELOW_CEILING,
+    CUT_COLOR,
+    DOWN,
+    VIEW_CUT,
+    ceiling,
+    cut_lines,
+    floor_of,
+    sections,
+    seen_parts,
+)
 from usarsim_server.files import write_bytes
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.rays.triangles import TriangleScene, triangles_of_all
+from usarsim_server.simulation.rays.triangles import TriangleScene
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.scene import build_scene
 
@@ -35,14 +45,8 @@ SKY = np.array([0.93, 0.95, 0.98])
 SUN = np.array([0.35, 0.25, 0.9]) / np.linalg.norm([0.35, 0.25, 0.9])
 MARK = np.array([0.05, 0.60, 0.30])
 PERSON = np.array([0.85, 0.25, 0.15])
-CUT = np.array([0.20, 0.23, 0.27])
-"""Colour of what is cut through."""
-
-PLAN_CUT, VIEW_CUT = 2.0, 2.2
-"""m above the floor: what is higher is left out of plans and views."""
-
-BELOW_CEILING = 0.02
-"""m below a ceiling that is lower than that."""
+PLAN_CUT = 2.0
+"""m above the floor: what is higher is left out of plans; of views what is above `VIEW_CUT`."""
 
 DOT = 5.0
 """Pixels: radius of a mark, where 0.15 m are less."""
@@ -59,26 +63,6 @@ PAD = 0.3
 DOTS = 1_000_000
 """Pixels of a slice that are drawn at once."""
 
-DOWN = np.array([[0.0, 0.0, -1.0]])
-
-PLANE = 200.0
-"""m: half of what is drawn of an endless floor."""
-
-PROBES = 64
-"""Along each side of a map."""
-
-ABOVE, NEAR = 0.05, 0.2
-"""m above the floor whence ceilings are looked for, and below which a floor is this one."""
-
-LEAST = 20
-"""Probes that have to stand on the floor."""
-
-FELT = 3
-"""Group of the pieces that only collide."""
-
-CONVEX = {int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH)}
-"""Kinds of pieces; terrain, which is neither, is not cut."""
-
 NARROW = 1e-9
 """m: sections with less between their corners are none."""
 
@@ -91,12 +75,7 @@ class Preview:
         self._model = model = build_scene(world).compile()
         self._data = data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
-        shown = np.flatnonzero(model.geom_group <= 2)
-        found, owners = triangles_of_all(model, shown.tolist(), data.geom_xpos, data.geom_xmat)
-        ends = np.flatnonzero(np.diff(owners, append=-1)) + 1
-        parts = list(zip(owners[ends - 1].tolist(), np.split(found, ends), strict=False))
-        for n in shown[model.geom_type[shown] == mujoco.mjtGeom.mjGEOM_PLANE].tolist():
-            parts.append((n, _plane(data.geom_xpos[n], data.geom_xmat[n].reshape(3, 3))))
+        parts = seen_parts(model, data)
         self._corners = np.concatenate([np.zeros((0, 3, 3)), *(part for _, part in parts)])
         self._colors = _colors(model)
         self._scene = TriangleScene(parts)
@@ -117,9 +96,9 @@ class Preview:
             columns = (corners[:, 0] - x[0, 0]) * scale
             return columns, (y[0, 0] - corners[:, 1]) * scale
 
-        for section in sections(self._model, self._data, level):
+        for _, section in sections(self._model, self._data, level):
             window = _window(*pixels(section), image.shape)
-            image[window][covered(x[window], y[window], section)] = CUT
+            image[window][covered(x[window], y[window], section)] = CUT_COLOR
         radius = max(0.15, DOT / scale)
         for victim in self._world.victims:
             _dot(image, x[0], y[:, 0], victim.pose.position, PERSON, radius)
@@ -181,9 +160,9 @@ class Preview:
             columns = (away @ right / depth + 1.0) * (width - 1) / 2.0
             return columns, (1.0 - away @ up / depth * width / height) * (height - 1) / 2.0
 
-        for section in sections(self._model, self._data, level):
+        for _, section in sections(self._model, self._data, level):
             window = _window(*pixels(section), image.shape)
-            image[window][covered(x[window], y[window], section)] = CUT
+            image[window][covered(x[window], y[window], section)] = CUT_COLOR
         return _bytes(image)
 
     def _distance(
@@ -198,14 +177,11 @@ class Preview:
 
     def _floor(self) -> float:
         """m: height of the lowest start pose's floor."""
-        heights = [start.pose.position[2] for start in self._world.starts]
-        start = self._world.starts[int(np.argmin(heights))].pose.position
-        way = self._scene.cast(np.array([start]), DOWN).distances[0]
-        return start[2] - (float(way) if way < 5.0 else 0.25)
+        return floor_of(self._scene, [start.pose.position for start in self._world.starts])
 
     def _cut(self, usual: float) -> float:
         """m above the floor at which a picture is cut, so that one looks below low ceilings."""
-        low = _ceiling(self._scene, self._floor(), self.lower, self.upper) - BELOW_CEILING
+        low = ceiling(self._scene, self._floor(), self.lower, self.upper) - BELOW_CEILING
         return min(usual, max(BELOW_CEILING, low))
 
     def _grid(self, width: int, height: int) -> tuple[Array, Array, float]:
@@ -250,55 +226,6 @@ def write_previews(world: WorldDescription, folder: Path) -> list[Path]:
     return paths
 
 
-def _ceiling(scene: TriangleScene, floor: float, lower: Array, upper: Array) -> float:
-    """m from a floor, at a height, up to what half of it lies below; inf if that is nothing.
-
-    The corners (3,) are those of the map.
-    """
-    parts = (np.arange(PROBES) + 0.37) / PROBES  # between the lines of a builder's grid
-    x, y = np.meshgrid(*(lower[:2] + parts[:, None] * (upper - lower)[:2]).T)
-    start = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, floor + ABOVE)])
-    below, above = (
-        scene.cast(start, np.tile(way, (len(start), 1))).distances for way in (DOWN, -DOWN)
-    )
-    heights = above[below < NEAR]
-    return ABOVE + float(np.median(heights)) if len(heights) >= LEAST else np.inf
-
-
-def sections(model: mujoco.MjModel, data: mujoco.MjData, level: float) -> Iterator[Array]:
-    """Corners (k, 2), in order around it, of the cut through every fixed convex piece."""
-    chosen = (model.body_weldid[model.geom_bodyid] == 0) & (model.geom_group == FELT)
-    chosen &= np.isin(model.geom_type, list(CONVEX))
-    chosen &= np.abs(data.geom_xpos[:, 2] - level) <= model.geom_rbound
-    faces, owners = triangles_of_all(
-        model, np.flatnonzero(chosen).tolist(), data.geom_xpos, data.geom_xmat
-    )
-    ends, cut = cut_lines(faces, level)
-    owners = np.repeat(owners[cut], 2)
-    corners = ends.reshape(-1, 2)
-    order = np.argsort(owners, kind="stable")
-    owners, corners = owners[order], corners[order]
-    starts = np.flatnonzero(np.diff(owners, prepend=-1))
-    if not len(starts):
-        return
-    middles = np.minimum.reduceat(corners, starts) + np.maximum.reduceat(corners, starts)
-    away = corners - np.repeat(middles / 2.0, np.diff(starts, append=len(owners)), axis=0)
-    around = np.lexsort((np.arctan2(away[:, 1], away[:, 0]), owners))
-    yield from (part for part in np.split(corners[around], starts[1:]) if len(part) >= 6)
-
-
-def cut_lines(triangles: Array, level: float) -> tuple[Array, NDArray[np.intp]]:
-    """The lines in which triangles (n, 3, 3) meet a height: ends (k, 2, 2), and whose they are."""
-    above = triangles[:, :, 2] > level
-    cut = np.flatnonzero(above.any(axis=1) & ~above.all(axis=1))
-    start, end = triangles[cut], np.roll(triangles[cut], -1, axis=1)
-    crossed = above[cut] != np.roll(above[cut], -1, axis=1)  # two edges of each
-    p, q = start[crossed], end[crossed]
-    share = (level - p[:, 2]) / (q[:, 2] - p[:, 2])
-    places = p[:, :2] + (q - p)[:, :2] * share[:, None]
-    return places.reshape(-1, 2, 2), cut
-
-
 def covered(x: Array, y: Array, section: Array) -> Mask:
     """Which of some places (any shape, m) lie in a convex section."""
     inside = np.ones(x.shape, dtype=bool)
@@ -313,11 +240,6 @@ def _playable(world: WorldDescription) -> tuple[Array, Array]:
     lower, upper = np.array(world.lower), np.array(world.upper)
     margin = np.minimum(20.0, (upper - lower)[:2] * 0.495)
     return lower + np.array([*margin, 10.0]) - PAD, upper - np.array([*margin, 100.0]) + PAD
-
-
-def _plane(position: Array, turn: Array) -> Array:
-    quad = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * PLANE @ turn.T + position
-    return np.asarray(np.array([quad[[0, 1, 2]], quad[[0, 2, 3]]]))
 
 
 def _colors(model: mujoco.MjModel) -> Array:
