@@ -142,11 +142,7 @@ def make_report(scene: Scene, built: Built, findings: Findings, seconds: float) 
         transparent=tuple(
             finish.name for finish in built.finishes.values() if is_glass_name(finish.name)
         ),
-        clear=tuple(
-            (finish.name, finish.color[3])
-            for finish in built.finishes.values()
-            if 0.0 < finish.color[3] < 1.0 and not is_glass_name(finish.name)
-        ),
+        clear=built.clear,
         licence=source.licence or licence_note(source.path),
         seconds=seconds,
     )

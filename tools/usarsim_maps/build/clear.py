@@ -10,8 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
+import mujoco
+import numpy as np
+
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Collision, Material, Mesh, Part, Scene, SceneObject
+from usarsim_server.simulation.rays.scenery import SEEN_GROUPS, is_glass
 
 FAINTEST = 1.0 / 255.0
 """Opacity of solid things that cameras do not see: what has none does not exist for rays."""
@@ -46,6 +50,23 @@ def with_solids_shown(scene: Scene, findings: Findings) -> Scene:
         ),
     )
     return replace(scene, materials={**scene.materials, **shown.added})
+
+
+def clear_materials(model: mujoco.MjModel) -> tuple[tuple[str, float], ...]:
+    """Names and opacity of the materials of a world that cameras see through and lasers do not.
+
+    Things that lasers pass, because something says that they are glass, do not count.
+    """
+    painted = (model.geom_group < SEEN_GROUPS) & (model.geom_matid >= 0)
+    opacity = model.mat_rgba[:, 3]
+    painted[painted] = (opacity[model.geom_matid[painted]] < 1.0) & (
+        opacity[model.geom_matid[painted]] > 0.0
+    )
+    geoms = [geom for geom in np.flatnonzero(painted).tolist() if not is_glass(model, geom)]
+    return tuple(
+        (model.mat(material).name, round(float(opacity[material]), 6))
+        for material in np.unique(model.geom_matid[geoms]).tolist()
+    )
 
 
 @dataclass(slots=True)
