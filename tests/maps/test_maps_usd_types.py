@@ -274,7 +274,7 @@ def test_files_that_cannot_be_read(tmp_path: Path, findings: Findings) -> None:
     )
     read(path, findings)
     assert findings.missing_list() == [("file", "gone.usda", 1)]
-    assert findings.skipped_names == {"file": ["x.abc", "b.usda"]}
+    assert findings.skipped_names == {"file": ["b.usda", "x.abc"]}
     words = told(findings)
     assert "x.abc: a reference to no file of OpenUSD was left out" in words
     assert "b.usda: a reference or payload is damaged" in words
