@@ -94,5 +94,26 @@ def points_of(part: Part) -> Array:
     return points[np.unique(large if len(large) else triangles)]
 
 
+def box_around(part: Part, matrix: Array) -> tuple[Array, Array] | None:
+    """Lower and upper corner of a part whose object has this matrix (4, 4); None if it has none.
+
+    Those of balls, cylinders and capsules are exact.
+    """
+    shape, whole = part.shape, matrix @ part.matrix
+    if not isinstance(shape, Sphere | Cylinder | Capsule):
+        points = _placed(points_of(part), matrix)
+        return (points.min(axis=0), points.max(axis=0)) if len(points) else None
+    linear, middle = whole[:3, :3], whole[:3, 3]
+    ball, disc = np.linalg.norm(linear, axis=1), np.linalg.norm(linear[:, :2], axis=1)
+    match shape:
+        case Sphere(radius):
+            half = radius * ball
+        case Capsule(radius, length):
+            half = radius * ball + length / 2.0 * np.abs(linear[:, 2])
+        case Cylinder(radius, length):
+            half = radius * disc + length / 2.0 * np.abs(linear[:, 2])
+    return middle - half, middle + half
+
+
 def _placed(points: Array, matrix: Array) -> Array:
     return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])

@@ -14,7 +14,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.build.mesh_error import MEDIAN, SurfaceError, drivable_points, surface_error
+from usarsim_maps.build.convex import SLACK, convex_parts
+from usarsim_maps.build.mesh_error import (
+    MEDIAN,
+    MOST,
+    SurfaceError,
+    drivable_points,
+    is_open,
+    surface_error,
+)
 from usarsim_maps.build.orientation import Oriented, orient
 from usarsim_maps.build.pieces import (
     FLAT,
@@ -24,6 +32,7 @@ from usarsim_maps.build.pieces import (
     Piece,
     bounding_box_piece,
     box_from_axes,
+    corners_of,
     depths_inside,
     hull_piece,
     triangles_of,
@@ -59,6 +68,11 @@ PLATE = 0.3
 RIGHT_ANGLE = 1e-3
 """Cosine of the angles of what counts as a rectangle."""
 
+INSET = 2.0
+"""Times its depth: how far from its edges the rays start that ask where a slab would stand out."""
+
+OUT = 8e-3
+"""m by which a corner of a slab may stand out."""
 
 SMALL = 0.35
 """m: a component without a larger extent becomes a hull."""
@@ -75,8 +89,23 @@ MAP_PIECES = 50_000
 """Pieces of a prop, of something below 12 m, and of a whole building that are not yet many: beyond
 them something coarser stands for the surface, if it is true to it. Beyond `MAP_PIECES`, always."""
 
-MOVABLE_PIECES = 16
-"""Most hulls of a thing that is pushed, where nothing drives on it."""
+PARTS = 64
+"""Convex pieces into which one closed part is cut at most; else its surface stays."""
+
+PART_TRIANGLES = 8_000
+"""Triangles of a part that is tried."""
+
+OPENING, DEEP = 0.25, 0.1
+"""m: width and height, and depth, of openings that stay open where hulls stand for many pieces."""
+
+HOLE = 0.1
+"""m: width and height of those that stay open where a hull stands for a closed part."""
+
+MOVABLE_PIECES = 64
+"""Most pieces of a thing that is pushed."""
+
+MOVABLE_HULLS = 16
+"""Most hulls of one that would have more."""
 
 MOVABLE_SURFACE = 1_000
 """Most pieces of one that is driven on."""
@@ -120,30 +149,91 @@ def slabs(surface: Oriented, up: Array, *, within: bool = False) -> list[Piece]:
         least = np.array([float((points @ up).min()) for points in polygons])
         down = np.where((rise > WALL) | below, least - lowest, np.inf)
         depths = np.maximum(LEAST, np.minimum(depths, down))
-    pieces = []
+    pieces: list[Piece] = []
+    fronts, steps = [], []
     for number, points in enumerate(polygons):
         way = ways[number] * depths[number]
-        front = points - way / 2.0 if centred[number] else points
-        pieces.append(_slab(front, way, up))
+        fronts.append(points - way / 2.0 if centred[number] else points)
+        steps.append(_step(points, way, up))
+    backs = _backs(surface, fronts, steps, ~centred)
+    for number, points in enumerate(fronts):
+        straight, back = points + steps[number], backs[number]
+        if back is None and _is_rectangle(points):
+            way = ways[number]
+            edges = np.roll(points, -1, axis=0) - points
+            axes = np.array([edges[0], edges[1], way])
+            axes /= np.linalg.norm(axes, axis=1)[:, None]
+            pieces.append(box_from_axes(np.concatenate([points, straight]), axes))
+            continue
+        pieces.append(HullPiece(np.concatenate([points, straight if back is None else back])))
     return pieces
 
 
-def _slab(points: Array, way: Array, up: Array) -> Piece:
-    """A polygon extruded: a box if it is a rectangle (item 62).
+def _step(points: Array, way: Array, up: Array) -> Array:
+    """From the front of a slab to its back.
 
-    Others that may be stood on are extruded downwards, so that they stay below their neighbours.
+    What may be stood on and is no rectangle is extruded downwards, so that it stays below its
+    neighbours (item 62).
     """
-    solid = np.concatenate([points, points + way])
     depth = float(np.linalg.norm(way))
-    if len(points) == 4:
-        edges = np.roll(points, -1, axis=0) - points
-        lengths = np.linalg.norm(edges, axis=1)
-        edges = edges / np.maximum(lengths, 1e-12)[:, None]
-        if (np.abs(np.einsum("ij,ij->i", edges, np.roll(edges, -1, axis=0))) < RIGHT_ANGLE).all():
-            return box_from_axes(solid, np.array([edges[0], edges[1], way / depth]))
-    if float(way @ up) < -WALL * depth:
-        solid = np.concatenate([points, points - up * depth])
-    return HullPiece(solid)
+    return -up * depth if float(way @ up) < -WALL * depth and not _is_rectangle(points) else way
+
+
+def _is_rectangle(points: Array) -> bool:
+    if len(points) != 4:
+        return False
+    edges = np.roll(points, -1, axis=0) - points
+    edges = edges / np.maximum(np.linalg.norm(edges, axis=1), 1e-12)[:, None]
+    square = np.abs(np.einsum("ij,ij->i", edges, np.roll(edges, -1, axis=0))) < RIGHT_ANGLE
+    return bool(square.all())
+
+
+def _backs(
+    surface: Oriented, fronts: list[Array], steps: list[Array], chosen: NDArray[np.bool_]
+) -> list[Array | None]:
+    """Corners of the backs of slabs that would stand out; None of all others.
+
+    A ray goes from within a slab, near each corner, to the corner of its back: where it meets a
+    surface the slab ends. So no slab stands out behind the back and the underside of a wedge.
+    """
+    found: list[Array | None] = [None] * len(fronts)
+    rays = Rays(surface.soup.vertices[surface.soup.triangles])
+    starts, targets, owners = [], [], []
+    for number in np.flatnonzero(chosen).tolist():
+        points, step = fronts[number], steps[number]
+        depth = float(np.linalg.norm(step))
+        middle = points.mean(axis=0)
+        ways = np.roll(points, -1, axis=0) - points
+        ways /= np.maximum(np.linalg.norm(ways, axis=1), 1e-12)[:, None]
+        to_middle = middle - points
+        along = np.einsum("ij,ij->i", to_middle, ways)
+        inset = np.linalg.norm(to_middle - along[:, None] * ways, axis=1)
+        least = np.minimum(inset, np.roll(inset, 1))
+        share = np.clip(INSET * depth / np.maximum(least, 1e-9), 0.0, 0.5)
+        starts.append(points + share[:, None] * to_middle)
+        targets.append(points + step)
+        owners.append(np.full(len(points), number))
+    if not owners:
+        return found
+    start, target, owner = np.concatenate(starts), np.concatenate(targets), np.concatenate(owners)
+    step = np.array(steps)[owner]
+    depth = np.linalg.norm(step, axis=1)
+    down = step / depth[:, None]
+    room = rays.cast(start + down * 1e-3, down)[0] + 1e-3
+    start = start + down * (np.minimum(depth, room) / 2.0)[:, None]
+    ways = target - start
+    lengths = np.linalg.norm(ways, axis=1)
+    ways /= lengths[:, None]
+    met, faces = rays.cast(start, ways)
+    normals, _ = normals_areas(surface.soup.vertices, surface.soup.triangles)
+    leaves = np.einsum("ij,ij->i", normals[faces], ways) > 0.0
+    out = (met < lengths - OUT) & (leaves | ~surface.known[faces])
+    ends = np.where(out, met, lengths)
+    back = start + ways * ends[:, None]
+    bounds = np.searchsorted(owner, np.arange(len(fronts) + 1))
+    for number in np.unique(owner[out]).tolist():
+        found[number] = back[bounds[number] : bounds[number + 1]]
+    return found
 
 
 def _normal(points: Array) -> Array:
@@ -198,7 +288,7 @@ def collide(
         case Collision.HULL:
             return [hull_piece(points)]
         case Collision.HULLS:
-            return _fewer(soup, points, 4 * MOVABLE_PIECES, name, findings)
+            return _fewer(soup, points, MOVABLE_PIECES, name, findings)
         case Collision.SURFACE:
             return slabs(orient(soup, up), up)
     if movable:
@@ -207,30 +297,39 @@ def collide(
 
 
 def _pushed(soup: Soup, points: Array, up: Array, name: str, findings: Findings) -> list[Piece]:
-    """Hulls for a thing that is pushed, as few as are true to what may be driven on.
+    """Convex pieces for a thing that is pushed, as few as are true to what is seen.
 
-    Slabs, which have no inside, come last: ground that the map does not say to be fixed.
+    Slabs, which have no inside, stand for what is not closed, unless its hull does.
     """
-    hulls = _component_hulls(soup)
-    coarse = _within(hulls, points, MOVABLE_PIECES)
-    level = points - np.outer(points @ up, up)
-    if float(np.sort(np.ptp(level, axis=0))[-2]) < GROUND:
-        return _fewer(soup, points, MOVABLE_PIECES, name, findings)
     surface = orient(soup, up)
-    error = _error(surface, coarse, up)
-    if error.is_small:
-        return list(coarse)
-    if len(hulls) <= MOVABLE_SURFACE and _error(surface, hulls, up).is_small:
-        return list(hulls)
-    shell = slabs(surface, up, within=True)
-    if len(shell) <= MOVABLE_SURFACE:
-        return shell
-    findings.warn(
-        name,
-        f"{len(shell)} pieces of its surface are too many for a thing that is pushed; "
-        f"{len(coarse)} hulls stand for it, {100.0 * error.median:.0f} cm off in the median",
-    )
+    level = points - np.outer(points @ up, up)
+    wide = float(np.sort(np.ptp(level, axis=0))[-2]) >= GROUND
+    most = MOVABLE_SURFACE if wide else MOVABLE_PIECES
+    solids, rest = _solids(surface, components(surface.soup), up)
+    pieces: list[Piece] = list(solids)
+    if rest:
+        opened = surface.only(np.sort(np.concatenate(rest)))
+        hulls = _component_hulls(opened.soup)
+        if _is_true(opened, hulls, up):
+            pieces += hulls
+        else:
+            pieces += slabs(opened, up, within=True)
+    if len(pieces) <= most:
+        return pieces
+    hulls = _component_hulls(surface.soup)
+    coarse = hulls if len(hulls) <= MOVABLE_HULLS else [hull_piece(points)]
+    if not _is_true(surface, coarse, up):
+        error = _error(surface, coarse, up)
+        findings.warn(
+            name,
+            f"it moves, and cannot be cut into {most} convex pieces or fewer; "
+            f"{_hulls_of(coarse)}, {100.0 * error.median:.0f} cm off in the median",
+        )
     return list(coarse)
+
+
+def _hulls_of(pieces: Sequence[Convex]) -> str:
+    return "its hull stands for it" if len(pieces) == 1 else f"{len(pieces)} hulls stand for it"
 
 
 def _fewer(soup: Soup, points: Array, most: int, name: str, findings: Findings) -> list[Piece]:
@@ -251,40 +350,15 @@ def _automatic(soup: Soup, up: Array, name: str, findings: Findings) -> list[Pie
         terrain = as_terrain(surface, up)
         if terrain is not None:
             return [terrain]
-    parts = components(soup)
-    hulls: list[Convex] = []
-    rest: list[NDArray[np.intp]] = []
-    doubtful: list[tuple[NDArray[np.intp], Convex]] = []
-    for part in parts:
-        corners = soup.vertices[np.unique(soup.triangles[part])]
-        hull = hull_piece(corners)
-        if isinstance(hull, BoxPiece) and 2.0 * min(hull.half) < 1.01 * FLAT:
-            rest.append(part)  # all in one plane
-        elif np.ptp(corners, axis=0).max() < SMALL:
-            hulls.append(hull)
-        elif surface.closed[part].all():
-            doubtful.append((part, hull))
-        else:
-            rest.append(part)
-    if doubtful:
-        filled = volumes([piece for _, piece in doubtful])
-        depths = depths_inside(
-            [piece for _, piece in doubtful], [_samples(soup, part) for part, _ in doubtful]
-        )
-        for (part, piece), volume, depth in zip(doubtful, filled, depths, strict=True):
-            if _enclosed(soup, part) > FULL * volume and depth < MEDIAN:
-                hulls.append(piece)
-            else:
-                rest.append(part)
-    pieces: list[Piece] = list(hulls)
+    solids, rest = _solids(surface, components(soup), up)
+    pieces: list[Piece] = list(solids)
     if rest:
         pieces += slabs(surface.only(np.sort(np.concatenate(rest))), up)
     budget = PROP_PIECES if size < PROP else ROOM_PIECES if size < 4 * PROP else MAP_PIECES
     if len(pieces) <= budget:
         return pieces
     coarse = _within(_component_hulls(soup), points, budget)
-    error = _error(surface, coarse, up)
-    if error.is_small:
+    if _is_true(surface, coarse, up):
         return list(coarse)
     if len(pieces) > ROOM_PIECES:
         terrain = as_terrain(surface, up)
@@ -295,9 +369,86 @@ def _automatic(soup: Soup, up: Array, name: str, findings: Findings) -> list[Pie
     findings.warn(
         name,
         f"{len(pieces)} pieces of its surface are too many; {len(coarse)} hulls of its parts stand "
-        f"for them, {100.0 * error.median:.0f} cm off in the median",
+        f"for them, {100.0 * _error(surface, coarse, up).median:.0f} cm off in the median",
     )
     return list(coarse)
+
+
+def _solids(
+    surface: Oriented, parts: list[NDArray[np.intp]], up: Array
+) -> tuple[list[Convex], list[NDArray[np.intp]]]:
+    """Convex pieces for the parts that are closed or small, and all the other parts."""
+    soup = surface.soup
+    pieces: list[Convex] = []
+    rest: list[NDArray[np.intp]] = []
+    doubtful: list[tuple[NDArray[np.intp], Convex]] = []
+    rooms = [_box_around(soup, part) for part in parts if _is_room(surface, part)]
+    for part in parts:
+        corners = soup.vertices[np.unique(soup.triangles[part])]
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        extents = np.sort(high - low)
+        small = extents[2] < SMALL and extents[1] < OPENING
+        hull = hull_piece(corners)
+        if isinstance(hull, BoxPiece) and 2.0 * min(hull.half) < 1.01 * FLAT:
+            rest.append(part)  # all in one plane
+        elif any((low <= a).all() and (b <= high).all() for a, b in rooms):
+            rest.append(part)  # a room, or what is around it
+        elif small or (surface.closed[part].all() and _before(soup, part, hull) < SLACK):
+            pieces.append(hull)
+        else:
+            doubtful.append((part, hull))
+    if not doubtful:
+        return pieces, rest
+    depths = depths_inside(
+        [hull for _, hull in doubtful], [_samples(soup, part) for part, _ in doubtful]
+    )
+    filled = volumes([hull for _, hull in doubtful])
+    for (part, hull), depth, volume in zip(doubtful, depths, filled, strict=True):
+        own = surface.only(part)
+        if (
+            surface.closed[part].all()
+            and _enclosed(soup, part) > FULL * volume
+            and depth < MEDIAN
+            and is_open(_corners(own), triangles_of([hull]), up, HOLE, MOST)
+        ):
+            pieces.append(hull)
+            continue
+        found = convex_parts(own, PARTS) if len(part) <= PART_TRIANGLES else None
+        if found is None:
+            rest.append(part)
+        else:
+            pieces += found
+    return pieces, rest
+
+
+def _before(soup: Soup, part: NDArray[np.intp], hull: Convex) -> float:
+    """m by which the hull of a part stands before its faces."""
+    points = corners_of(hull)
+    triangles = soup.triangles[part]
+    normals, _ = normals_areas(soup.vertices, triangles)
+    offsets = np.einsum("ij,ij->i", normals, soup.vertices[triangles[:, 0]])
+    return max(float((normals @ point - offsets).max()) for point in points)
+
+
+def _is_room(surface: Oriented, part: NDArray[np.intp]) -> bool:
+    return bool(surface.closed[part].all()) and _enclosed(surface.soup, part) < 0.0
+
+
+def _box_around(soup: Soup, part: NDArray[np.intp]) -> tuple[Array, Array]:
+    corners = soup.vertices[soup.triangles[part]].reshape(-1, 3)
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _corners(surface: Oriented) -> Array:
+    """Triangles (n, 3, 3)."""
+    return np.asarray(surface.soup.vertices[surface.soup.triangles])
+
+
+def _is_true(surface: Oriented, pieces: Sequence[Convex], up: Array) -> bool:
+    """Whether pieces are as true to a surface from all sides as from above."""
+    if not _error(surface, pieces, up).is_small:
+        return False
+    return is_open(_corners(surface), triangles_of(pieces), up, OPENING, DEEP)
 
 
 def _error(surface: Oriented, pieces: Sequence[Convex], up: Array) -> SurfaceError:

@@ -17,7 +17,15 @@ import numpy as np
 
 from usarsim_maps.build.looks import Look, msh
 from usarsim_maps.build.materials import Finish
-from usarsim_maps.build.pieces import BoxPiece, Convex, FieldPiece, HullPiece, Piece
+from usarsim_maps.build.pieces import (
+    BoxPiece,
+    Convex,
+    FieldPiece,
+    HullPiece,
+    Piece,
+    Pushed,
+    RoundPiece,
+)
 from usarsim_maps.build.sheet import safe
 from usarsim_maps.scene import Array
 from usarsim_server.simulation.frames import IDENTITY, Pose
@@ -172,9 +180,12 @@ class Emitter:
         middle = pose @ piece.pose @ Pose((x, y, low))
         return f"<geom{attributes({'type': 'hfield', 'hfield': name, **place(middle), **values})}/>"
 
-    def body_piece(self, piece: Convex, friction: float, mass: float) -> str:
+    def body_piece(self, piece: Pushed, friction: float, mass: float) -> str:
         """A geom of a movable body, in the frame of the body."""
         values: dict[str, object] = {"friction": friction, "mass": mass, **FELT}
+        if isinstance(piece, RoundPiece):
+            head = {"type": piece.kind, "size": piece.size, **place(piece.pose)}
+            return f"<geom{attributes({**head, **values})}/>"
         if isinstance(piece, HullPiece):
             self._hulls += 1
             name = f"hull{self._hulls}"

@@ -18,7 +18,7 @@ from usarsim_maps.build.csg import is_filled
 from usarsim_maps.build.looks import looks_of_grid
 from usarsim_maps.build.soup import Rays
 from usarsim_maps.findings import Findings
-from usarsim_maps.geometry import CORNERS, FARTHEST, QUADS, points_of
+from usarsim_maps.geometry import CORNERS, FARTHEST, QUADS, box_around, points_of
 from usarsim_maps.scene import (
     Array,
     Brush,
@@ -184,11 +184,11 @@ def with_starts(scene: Scene, extent: Extent, corners: Corners) -> Corners:
 
 def bounds_of_object(thing: SceneObject) -> Corners | None:
     """Lower and upper corner in the world; None for what has no size."""
-    parts = [points for part in thing.parts for points in [points_of(part)] if len(points)]
-    if not parts:
+    base = matrix_of_pose(thing.pose)
+    boxes = [box for part in thing.parts for box in [box_around(part, base)] if box is not None]
+    if not boxes:
         return None
-    points = np.concatenate(parts) @ thing.pose.matrix().T + np.array(thing.pose.position)
-    return _corners(points)
+    return np.min([low for low, _ in boxes], axis=0), np.max([high for _, high in boxes], axis=0)
 
 
 def extent_of_planes(scene: Scene, findings: Findings) -> Corners:

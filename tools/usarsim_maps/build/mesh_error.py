@@ -1,12 +1,15 @@
-"""How far what is felt lies from what is seen, on everything that may be driven on.
+"""How far what is felt lies from what is seen, from above and from the side.
 
 Rays go straight down through all storeys of what is seen. Where they meet a surface that is not too
-steep, and free above it, another ray asks for the height at which something is felt there. So one
-mesh is judged while it is built, and in the end the compiled scene, thing by thing.
+steep, and free above it, another ray asks for the height at which something is felt there. From
+free places level rays ask how far it is to what is seen and to what is felt. So the compiled scene
+is judged, thing by thing. While one mesh is built, `is_open` looks at it from all around for
+openings that are seen and not felt.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
@@ -16,7 +19,7 @@ from numpy.typing import NDArray
 
 from usarsim_maps.build.soup import Rays
 from usarsim_maps.findings import Findings
-from usarsim_maps.scene import Array
+from usarsim_maps.scene import Array, Indices
 from usarsim_server.simulation.rays.scenery import is_visible
 from usarsim_server.simulation.rays.triangles import triangles_of_all
 
@@ -50,6 +53,40 @@ ENDLESS = 1000.0
 
 TOLD = 12
 """Warnings at most; the worst."""
+
+SIGHTS = 4_000
+"""Places from which level rays go."""
+
+BESIDE = 0.5
+"""m around each thing in which they lie."""
+
+EYES = (0.1, 0.45, 1.1)
+"""m above what is met from above at which they start."""
+
+ALONG = 0.8
+"""Part of such a ray after which another one starts."""
+
+GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
+"""rad from the direction of one place to that of the next: they never repeat."""
+
+FAR = 4.0
+"""m along them within which the difference counts."""
+
+STEP = 0.06
+"""m between felt and seen from which on it counts."""
+
+BEAM = 0.06
+"""m above, below and beside a ray at which others must agree, so that neither edges count that are
+grazed nor those of slabs, which are up to 10 cm thick."""
+
+FEW, PART = 3, 0.005
+"""Rays, and part of those that meet a thing, that may differ without a warning."""
+
+YAWS = 6
+"""Directions of half a turn from which a mesh is looked at, from both sides."""
+
+SAMPLES = 200
+"""Rays along each side of a mesh, at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,12 +169,73 @@ def surface_error(points: Array, rooms: Array, felt: Array) -> Array:
     return errors
 
 
+def is_open(seen: Array, felt: Array, up: Array, width: float, depth: float) -> bool:
+    """Whether felt triangles (m, 3, 3) leave all openings of seen ones (n, 3, 3) open.
+
+    An opening is `width` m wide and high, and what is seen in it lies `depth` m behind what is
+    felt, from one of the directions around and along `up` (3,).
+    """
+    corners = seen.reshape(-1, 3)
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
+    reach = float(np.linalg.norm(corners - middle, axis=1).max())
+    looks, touches = Rays(seen), Rays(felt)
+    normals = _normals(felt)
+    side = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
+    side /= np.linalg.norm(side)
+    ways = [up]
+    for turn in np.arange(YAWS) * math.pi / YAWS:
+        ways.append(math.cos(turn) * side + math.sin(turn) * np.cross(up, side))
+    for way in ways:
+        across = side if way is up else np.cross(up, way)
+        frame = np.column_stack([across, np.cross(way, across)])
+        flat = (corners - middle) @ frame
+        low, high = flat.min(axis=0), flat.max(axis=0)
+        step = max(width / 5.0, float((high - low).max()) / SAMPLES)
+        counts = np.maximum((high - low) // step, 1).astype(int) + 1
+        axes = [low[k] + (np.arange(counts[k]) + 0.37) * step for k in (0, 1)]
+        grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2) @ frame.T + middle
+        window = max(int(width / step), 2)
+        for sign in (1.0, -1.0):
+            start = grid - sign * (reach + 1.0) * way
+            far = looks.cast(start, sign * way)[0].astype(float)
+            near, faces = touches.cast(start, sign * way)
+            near = np.where(faces >= 0, near, 0.0)
+            ahead = np.where(faces >= 0, np.minimum(far, 4.0 * reach + 2.0) - near, 0.0)
+            away = ahead * np.abs(normals[faces] @ way)
+            closed = (away > depth).reshape(counts[1], counts[0])
+            if min(closed.shape) >= window and _eroded(_eroded(closed, window).T, window).any():
+                return False
+    return True
+
+
+def _eroded(mask: NDArray[np.bool_], window: int) -> NDArray[np.bool_]:
+    """Where so many rows are all true, from each row on."""
+    rows = len(mask) - window + 1
+    return np.asarray(np.logical_and.reduce([mask[k : k + rows] for k in range(window)]))
+
+
+@dataclass(frozen=True, slots=True)
+class SideError:
+    """What level rays from free places find."""
+
+    rays: int  # that meet something seen or felt
+    blocked: int  # of them: something is felt before what is seen
+    passed: int  # something is seen before what is felt
+
+    @property
+    def is_small(self) -> bool:
+        """Within `FEW` or `PART`."""
+        return self.blocked + self.passed <= max(FEW, PART * self.rays)
+
+
 @dataclass(frozen=True, slots=True)
 class ModelError:
     """How far felt surfaces are from seen ones."""
 
     all: SurfaceError  # over all places
     things: Mapping[str, SurfaceError]  # by the name of the geom that is seen first of each thing
+    side: SideError  # over all level rays
+    sides: Mapping[str, SideError]  # by the names of things
 
 
 def model_error(model: mujoco.MjModel, without: Collection[str] = ()) -> ModelError:
@@ -149,11 +247,11 @@ def model_error(model: mujoco.MjModel, without: Collection[str] = ()) -> ModelEr
     for geom in (model.geom(name).id for name in without):
         seen, solid = (([one for one in some if one != geom]) for some in (seen, solid))
     triangles, geoms = _triangles(model, data, seen)
-    felt, _ = _triangles(model, data, solid)
+    felt, solids = _triangles(model, data, solid)
     labels, owner = np.unique([_thing(model, geom) for geom in seen], return_inverse=True)
     thing_of = np.full(model.ngeom, -1)
     thing_of[seen] = owner
-    places = _places(triangles, thing_of[geoms], len(labels))
+    places = _places(triangles, thing_of[geoms], len(labels), RAYS, 0.0)
     points, rooms, faces = drivable_points(triangles, places)
     errors = surface_error(points, rooms, felt)
     things = thing_of[geoms[faces]]
@@ -164,12 +262,113 @@ def model_error(model: mujoco.MjModel, without: Collection[str] = ()) -> ModelEr
         for n, label in enumerate(labels)
         if cuts[n + 1] > cuts[n]
     }
-    return ModelError(SurfaceError.of(errors), found)
+    places = _places(triangles, thing_of[geoms], len(labels), SIGHTS, BESIDE)
+    eyes = _free_places(Rays(triangles), places, float(triangles[:, :, 2].max(initial=0.0)))
+    side, sides = _from_the_side(
+        eyes,
+        (triangles, [_thing(model, geom) for geom in geoms.tolist()]),
+        (felt, [_thing(model, geom) for geom in solids.tolist()]),
+    )
+    return ModelError(SurfaceError.of(errors), found, side, sides)
+
+
+def _free_places(seen: Rays, places: Array, top: float) -> Array:
+    """Points (n, 3) that are surely not within anything seen, whatever way its triangles face.
+
+    They lie above what is met first from above below places (k, 2), and on level rays from there
+    before what these meet, so that some are below roofs.
+    """
+    start = np.column_stack([places, np.full(len(places), top + REACH)])
+    ways, faces = seen.cast(start)
+    start[:, 2] -= ways
+    high = np.array([[0.0, 0.0, eye] for eye in EYES])
+    free = (start[faces >= 0] + high[:, None]).reshape(-1, 3)
+    found = [free]
+    for _ in range(2):
+        level = _level_ways(len(free), 1)
+        far = np.minimum(seen.cast(free, level)[0].astype(float), FAR)
+        free = free + level * (ALONG * far)[:, None]
+        found.append(free)
+    return np.concatenate(found)
+
+
+def _normals(triangles: Array) -> Array:
+    """Unit normals of triangles (n, 3, 3)."""
+    found = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1), 1e-30)[:, None])
+
+
+def _far_from(rays: Rays, points: Array, normals: Array) -> NDArray[np.bool_]:
+    """Whether points (n, 3) are more than `STEP` from all triangles, along lines (n, 3)."""
+    ways = [rays.cast(points - way * PAST, way)[0] for way in (normals, -normals)]
+    return np.asarray(np.minimum(*ways) > STEP + PAST)
+
+
+def _level_ways(count: int, each: int) -> Array:
+    """Directions (count * each, 3): for each place some at equal angles, for the next others."""
+    turns = (np.arange(count) * GOLDEN)[:, None] + np.arange(each) * (math.tau / each)
+    return np.stack([np.cos(turns), np.sin(turns), np.zeros_like(turns)], axis=-1).reshape(-1, 3)
+
+
+def _from_the_side(
+    eyes: Array, seen: tuple[Array, list[str]], felt: tuple[Array, list[str]]
+) -> tuple[SideError, dict[str, SideError]]:
+    """Compare triangles that are seen and felt, which belong to things, from places (n, 3)."""
+    if not len(eyes) or not len(seen[0]) or not len(felt[0]):
+        return SideError(0, 0, 0), {}
+    ways = _level_ways(len(eyes), 2)
+    start = np.repeat(eyes, 2, axis=0)
+    looks, touches = Rays(seen[0]), Rays(felt[0])
+    sights, walls = _normals(seen[0]), _normals(felt[0])
+
+    def cast(start: Array, ways: Array) -> tuple[Array, Array, Indices, Indices]:
+        far, one = looks.cast(start, ways)
+        near, other = touches.cast(start, ways)
+        within = (other >= 0) & (np.einsum("ij,ij->i", ways, walls[other]) > 0.0)
+        near = np.where(within, 0.0, near)  # the ray starts in a solid that it leaves
+        ends = [np.minimum(way, FAR).astype(float) for way in (far, near)]
+        return ends[0], ends[1], one, other
+
+    far, near, one, other = cast(start, ways)
+    odd = np.flatnonzero(np.abs(far - near) > STEP)
+    # A ray that grazes a face goes a long way though the other face is near.
+    early = near[odd] < far[odd]
+    ends = start[odd] + ways[odd] * np.minimum(near, far)[odd, None]
+    square = np.where(early[:, None], walls[other[odd]], sights[one[odd]])
+    apart = np.where(early, _far_from(looks, ends, square), _far_from(touches, ends, square))
+    odd = odd[apart]
+    beside = np.cross(ways[odd], [0.0, 0.0, 1.0])
+    low_far, high_far, low_near, high_near = far[odd], far[odd], near[odd], near[odd]
+    for across, above in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)):
+        moved = start[odd] + BEAM * (across * beside + above * np.array([0.0, 0.0, 1.0]))
+        look, touch, _, _ = cast(moved, ways[odd])
+        low_far, high_far = np.minimum(low_far, look), np.maximum(high_far, look)
+        low_near, high_near = np.minimum(low_near, touch), np.maximum(high_near, touch)
+    blocked = odd[high_near < low_far - STEP]
+    passed = odd[high_far < low_near - STEP]
+    names = sorted({*seen[1], *felt[1]})
+    number = {name: n for n, name in enumerate(names)}
+    seen_of = np.array([number[name] for name in seen[1]])
+    felt_of = np.array([number[name] for name in felt[1]])
+    looked, touched = (far < FAR) & (one >= 0), (near < FAR) & (other >= 0)
+    count = len(names)
+    rays = np.bincount(seen_of[one[looked]], minlength=count)
+    alone = touched & ~(looked & (seen_of[one] == felt_of[other]))
+    rays += np.bincount(felt_of[other[alone]], minlength=count)
+    before = np.bincount(felt_of[other[blocked]], minlength=count)
+    behind = np.bincount(seen_of[one[passed]], minlength=count)
+    sides = {
+        name: SideError(int(rays[n]), int(before[n]), int(behind[n]))
+        for n, name in enumerate(names)
+        if rays[n]
+    }
+    return SideError(int((looked | touched).sum()), len(blocked), len(passed)), sides
 
 
 def note_error(model: mujoco.MjModel, findings: Findings, without: Collection[str] = ()) -> None:
     """Put the difference into the report, and warn of things where it is large."""
     error = model_error(model, without)
+    _note_sides(error, findings)
     if not error.all.places:
         return
     findings.fact(
@@ -188,12 +387,34 @@ def note_error(model: mujoco.MjModel, findings: Findings, without: Collection[st
         )
 
 
+def _note_sides(error: ModelError, findings: Findings) -> None:
+    """Put what level rays found into the report, and warn of things where it is much."""
+    side = error.side
+    if side.rays:
+        findings.fact(
+            "felt - seen, level",
+            f"something is felt before what is seen on {100.0 * side.blocked / side.rays:.1f} %, "
+            f"and seen before what is felt on {100.0 * side.passed / side.rays:.1f} %, "
+            f"of {side.rays} level rays",
+        )
+    large = [(name, one) for name, one in error.sides.items() if not one.is_small]
+    large.sort(key=lambda item: -(item[1].blocked + item[1].passed))
+    for name, one in large[:TOLD]:
+        told = []
+        if one.blocked:
+            told.append(f"is felt before what is seen on {100.0 * one.blocked / one.rays:.0f} %")
+        if one.passed:
+            told.append(f"is seen and not felt on {100.0 * one.passed / one.rays:.0f} %")
+        findings.warn(name, f"from the side it {' and '.join(told)} of {one.rays} level rays")
+
+
 def _thing(model: mujoco.MjModel, geom: int) -> str:
     """What a geom is a part of: its body, or what its own name says."""
     body = int(model.geom_bodyid[geom])
     if body:
         return str(model.body(body).name)
-    return str(model.geom(geom).name).partition(".part")[0]
+    name = str(model.geom(geom).name).rpartition(":")[2]
+    return name.partition(".part")[0].partition(".solid")[0]
 
 
 def _triangles(
@@ -209,13 +430,19 @@ def _triangles(
     return triangles, owners
 
 
-def _places(triangles: Array, things: NDArray[np.intp], count: int) -> Array:
-    """(k, 2) places of rays: a grid over each thing, without those that nothing is as large as."""
+def _places(
+    triangles: Array, things: NDArray[np.intp], count: int, most: int, beside: float
+) -> Array:
+    """(k, 2) places of rays: a grid over each thing, without those that nothing is as large as.
+
+    `beside` is how many m around each thing belong to it.
+    """
     low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
     np.minimum.at(low, things, triangles[:, :, :2].min(axis=1))
     np.maximum.at(high, things, triangles[:, :, :2].max(axis=1))
     near = np.flatnonzero((high - low).max(axis=1) < ENDLESS)
-    side = int(np.sqrt(np.clip(RAYS / max(len(near), 1), LEAST, MOST_MODELS)))
+    low, high = low - beside, high + beside
+    side = int(np.sqrt(np.clip(most / max(len(near), 1), LEAST, MOST_MODELS)))
     # Between the lines of a grid that builders use.
     x, y = np.meshgrid((np.arange(side) + 0.37) / side, (np.arange(side) + 0.53) / side)
     grid = np.column_stack([x.ravel(), y.ravel()])

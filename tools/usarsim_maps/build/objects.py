@@ -17,15 +17,16 @@ from usarsim_maps.build.pieces import (
     Convex,
     FieldPiece,
     Piece,
+    Pushed,
+    RoundPiece,
     bounding_box_piece,
-    hull_piece,
     moved,
     volumes,
 )
 from usarsim_maps.build.sheet import NameBook
 from usarsim_maps.build.soup import Soup, clean
 from usarsim_maps.findings import Findings
-from usarsim_maps.geometry import outline_of, points_of, size_of
+from usarsim_maps.geometry import points_of, size_of
 from usarsim_maps.scene import Array, Box, Collision, Mesh, Part, Plane, Scene, SceneObject
 from usarsim_maps.units import matrix_of_pose, take_apart
 from usarsim_server.errors import MapImportError, at
@@ -113,7 +114,7 @@ class ObjectBuilder:
 
     def _movable(self, thing: SceneObject, name: str) -> list[str]:
         seen: list[str] = []
-        felt: list[Convex] = []
+        felt: list[Pushed] = []
         for part in thing.parts:
             pose, linear = take_apart(part.matrix)
             if isinstance(part.shape, Mesh):
@@ -126,11 +127,10 @@ class ObjectBuilder:
             elif isinstance(part.shape, Plane):
                 self._findings.warn(thing.name, "an endless plane cannot move; it was left out")
             else:
-                points = outline_of(part.shape, linear)
                 if part.visible:
                     seen += self._shape(part, pose, linear, None, {**SEEN, "mass": 0})
                 if part.collision is not Collision.NONE:
-                    felt.append(moved(_piece(part.shape, points), pose))
+                    felt.append(_piece(part.shape, linear, pose))
         if not felt:
             felt = [self._stand_in(thing)]
         self._pieces += len(felt)
@@ -257,9 +257,12 @@ class ObjectBuilder:
         return [f"<geom{attributes({**head, **place(pose), **values})}/>"]
 
 
-def _piece(shape: object, points: Array) -> Convex:
-    """The convex piece around the outline of a shape."""
-    return bounding_box_piece(points) if isinstance(shape, Box) else hull_piece(points)
+def _piece(shape: object, linear: Array, pose: Pose) -> Pushed:
+    """The piece that is a shape other than a mesh or plane, scaled by a linear map (3, 3)."""
+    kind, size = size_of(shape, linear)
+    if isinstance(shape, Box):
+        return BoxPiece(pose, (size[0], size[1], size[2]))
+    return RoundPiece(kind, size, pose)
 
 
 def _labels(name: str, names: NameBook) -> Iterator[str]:

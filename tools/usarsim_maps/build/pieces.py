@@ -1,4 +1,6 @@
-"""Pieces that MuJoCo collides: boxes, hulls of points, height fields; how shapes become them."""
+"""Pieces that MuJoCo collides: boxes, hulls of points, balls and cylinders, height fields; how
+shapes become them.
+"""
 
 from __future__ import annotations
 
@@ -44,6 +46,25 @@ class HullPiece:
     points: Array
 
 
+@dataclass(frozen=True, slots=True)
+class RoundPiece:
+    """A ball, cylinder or capsule along z."""
+
+    kind: str  # `sphere`, `cylinder`, `capsule`: MuJoCo's name
+    size: tuple[float, ...]  # radius and, of the others, half of the length without caps, m
+    pose: Pose  # of its middle
+
+    @property
+    def volume(self) -> float:
+        """m^3."""
+        radius = self.size[0]
+        ball = 4.0 / 3.0 * math.pi * radius**3
+        if self.kind == "sphere":
+            return ball
+        barrel = 2.0 * math.pi * radius**2 * self.size[1]
+        return barrel if self.kind == "cylinder" else barrel + ball
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldPiece:
     """A height field, solid below."""
@@ -64,6 +85,8 @@ class FieldPiece:
 
 Convex: TypeAlias = BoxPiece | HullPiece
 Piece: TypeAlias = Convex | FieldPiece
+Pushed: TypeAlias = Convex | RoundPiece
+"""What things that are pushed are made of."""
 
 
 def piece_of_cell(cell: Cell) -> Convex:
@@ -176,12 +199,14 @@ def _extremes(points: Array) -> Array:
     return np.asarray(points[chosen])
 
 
-def volumes(pieces: Sequence[Convex]) -> Array:
+def volumes(pieces: Sequence[Pushed]) -> Array:
     """m^3 of every piece; MuJoCo computes those of hulls (`ValueError` if one has none)."""
     found = np.zeros(len(pieces))
     for number, piece in enumerate(pieces):
         if isinstance(piece, BoxPiece):
             found[number] = 8.0 * piece.half[0] * piece.half[1] * piece.half[2]
+        elif isinstance(piece, RoundPiece):
+            found[number] = piece.volume
     hulls = {n: piece for n, piece in enumerate(pieces) if isinstance(piece, HullPiece)}
     if hulls:
         model = _compiled(hulls)
@@ -212,6 +237,13 @@ def depths_inside(pieces: Sequence[Convex], samples: Sequence[Array]) -> Array:
     return found
 
 
+def corners_of(piece: Convex) -> Array:
+    """(k, 3) of a box or hull."""
+    if isinstance(piece, HullPiece):
+        return piece.points
+    return np.asarray(CORNERS * piece.half @ piece.pose.matrix().T + np.array(piece.pose.position))
+
+
 def triangles_of(pieces: Sequence[Convex]) -> Array:
     """(n, 3, 3) of boxes and hulls together."""
     hulls = {n: piece for n, piece in enumerate(pieces) if isinstance(piece, HullPiece)}
@@ -219,7 +251,7 @@ def triangles_of(pieces: Sequence[Convex]) -> Array:
     found = [np.zeros((0, 3, 3))]
     for number, piece in enumerate(pieces):
         if isinstance(piece, BoxPiece):
-            corners = CORNERS * piece.half @ piece.pose.matrix().T + np.array(piece.pose.position)
+            corners = corners_of(piece)
             found += [corners[[[a, b, c], [a, c, d]]] for a, b, c, d in QUADS]
         else:
             assert model is not None
@@ -252,8 +284,10 @@ def _compiled(hulls: Mapping[int, HullPiece]) -> mujoco.MjModel:
     return spec.compile()
 
 
-def moved(piece: Convex, pose: Pose) -> Convex:
+def moved(piece: Pushed, pose: Pose) -> Pushed:
     """The piece as seen from the frame in which its own has this pose."""
     if isinstance(piece, BoxPiece):
         return BoxPiece(pose @ piece.pose, piece.half)
+    if isinstance(piece, RoundPiece):
+        return RoundPiece(piece.kind, piece.size, pose @ piece.pose)
     return HullPiece(piece.points @ pose.matrix().T + np.array(pose.position))
