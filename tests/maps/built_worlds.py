@@ -158,3 +158,72 @@ def grid_mesh(columns: int, rows: int, size: float, heights: Array | None = None
         [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
     )
     return mesh_of(vertices, triangles.astype(np.int32))
+
+
+def blocks(filled: NDArray[np.bool_], *edges: Sequence[float]) -> Mesh:
+    """One skin around blocks of a grid: which are filled (x, y, z), and where planes cut each axis.
+
+    Faces face outside; corners that meet are one.
+    """
+    padded = np.pad(filled, 1)
+    quads: list[Array] = []
+    for cell in np.argwhere(filled):
+        low = np.array([edges[k][cell[k]] for k in range(3)], dtype=float)
+        high = np.array([edges[k][cell[k] + 1] for k in range(3)], dtype=float)
+        for axis in range(3):
+            for side in (0, 1):
+                beyond = cell + 1
+                beyond[axis] += 2 * side - 1
+                if padded[tuple(beyond)]:
+                    continue
+                u, v = (axis + 1) % 3, (axis + 2) % 3
+                quad = np.tile(low, (4, 1))
+                quad[:, axis] = (low, high)[side][axis]
+                quad[[1, 2], u], quad[[2, 3], v] = high[u], high[v]
+                quads.append(quad if side else quad[::-1])
+    corners, index = np.unique(np.concatenate(quads), axis=0, return_inverse=True)
+    rings = index.reshape(-1, 4)
+    return mesh_of(corners, np.concatenate([rings[:, [0, 1, 2]], rings[:, [0, 2, 3]]]))
+
+
+def holed_plate(count: int, radius: float, size: float, thick: float) -> Mesh:
+    """A square plate that stands across y, with a round hole of some segments in its middle."""
+    turn = np.arange(count) * (2.0 * np.pi / count)
+    ring = np.column_stack([np.cos(turn), np.sin(turn)])
+    rim = size / 2.0 * ring / np.abs(ring).max(axis=1)[:, None]
+    layers = [(radius * ring, 0.0), (rim, 0.0), (radius * ring, thick), (rim, thick)]
+    corners = np.concatenate(
+        [
+            np.column_stack([flat[:, 0], np.full(count, y), flat[:, 1] + size / 2.0])
+            for flat, y in layers
+        ]
+    )
+    a, b = np.arange(count), (np.arange(count) + 1) % count
+    quads = []
+    for one, other in ((0, 1), (1, 3), (3, 2), (2, 0)):
+        p, q = one * count, other * count
+        quads.append(np.column_stack([p + a, q + a, q + b, p + b]))
+    rings = np.concatenate(quads)
+    return mesh_of(corners, np.concatenate([rings[:, [0, 1, 2]], rings[:, [0, 2, 3]]]))
+
+
+def torus(around: int, across: int, radius: float, thick: float) -> Mesh:
+    """A ring that lies on the ground."""
+    a, b = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
+    turn, roll = a * (2.0 * np.pi / around), b * (2.0 * np.pi / across)
+    way = radius + thick * np.cos(roll)
+    corners = np.stack(
+        [way * np.cos(turn), way * np.sin(turn), thick + thick * np.sin(roll)], axis=-1
+    ).reshape(-1, 3)
+    c, d = (a + 1) % around, (b + 1) % across
+    rings = np.stack([a * across + b, c * across + b, c * across + d, a * across + d], axis=-1)
+    rings = rings.reshape(-1, 4)
+    return mesh_of(corners, np.concatenate([rings[:, [0, 1, 2]], rings[:, [0, 2, 3]]]))
+
+
+def ramp_mesh(degrees: float, bottom: bool = True) -> Mesh:
+    """A wedge 2 m long and 1 m wide that rises along x, with or without its underside."""
+    top = 2.0 * np.tan(np.radians(degrees))
+    corners = [(0, 0, 0), (2, 0, 0), (2, 1, 0), (0, 1, 0), (2, 0, top), (2, 1, top)]
+    faces = [(0, 4, 5), (0, 5, 3), (1, 2, 5), (1, 5, 4), (0, 1, 4), (3, 5, 2)]
+    return mesh_of(corners, faces + ([(0, 3, 2), (0, 2, 1)] if bottom else []))

@@ -270,8 +270,51 @@ class TestFeeling:
         for name, (_, pose, depth) in things.items():
             above = (*pose.position[:2], 9.0)
             assert world.names(above, (0, 0, -1)) == name
-            assert world.rays(above, AXES[5:])[0] == pytest.approx(depth, abs=0.02)
+            assert world.rays(above, AXES[5:])[0] == pytest.approx(depth, abs=1e-3)
+            kinds = {
+                int(world.model.geom_type[geom])
+                for geom in range(world.model.ngeom)
+                if name in (world.model.geom(geom).name, world.model.body(
+                    int(world.model.geom_bodyid[geom])).name)
+            }  # fmt: skip
+            assert len(kinds) == 1
+            assert mujoco.mjtGeom.mjGEOM_MESH not in kinds
         assert world.rays((0, 20, 2), AXES[5:])[0] == pytest.approx(2.0)
+
+    def test_balls_and_cylinders_roll(self, tmp_path: Path) -> None:
+        """A ball and a cylinder that are pushed roll on, at an even height."""
+        lying = quaternion_from_rpy(math.pi / 2.0, 0.0, 0.0)
+        ball = SceneObject("ball", (Part(Sphere(0.3)),), Pose((0, 1, 0.3)), movable=True)
+        can = SceneObject(
+            "can", (Part(Cylinder(0.3, 0.8)),), Pose((0, -1, 0.3), lying), movable=True
+        )
+        world = build_world(tmp_path, scene_of(FLOOR, ball, can, starts=[HERE]))
+        model = world.model
+        model.opt.timestep = 0.002
+        data = mujoco.MjData(model)
+        for name in ("ball", "can"):
+            data.qvel[model.body(name).dofadr[0]] = 1.0
+        heights = []
+        for _ in range(1000):
+            mujoco.mj_step(model, data)
+            heights.append([data.body(name).xpos[2] for name in ("ball", "can")])
+        assert np.ptp(np.array(heights[100:]), axis=0).max() < 2e-3
+        for name in ("ball", "can"):
+            assert data.body(name).xpos[0] > 1.0
+            assert abs(data.body(name).cvel[1]) > 1.5  # about y: it rolls and does not slide
+
+    @pytest.mark.parametrize("degrees", [0, 20, 45])
+    def test_extents_of_round_things(self, tmp_path: Path, degrees: float) -> None:
+        """Extents of balls, cylinders and capsules are exact, whatever way they are turned."""
+        turn = quaternion_from_rpy(math.radians(degrees), 0.0, math.radians(degrees))
+        for shape, radius, half in (
+            (Sphere(0.7), 0.7, 0.0),
+            (Capsule(0.4, 1.0), 0.4, 0.5),
+        ):
+            thing = SceneObject("it", (Part(shape),), Pose((0.0, 0.0, 2.0), turn))
+            low, high = build_world(tmp_path, scene_of(thing, starts=[HERE])).built.extents
+            axis = Pose((0.0, 0.0, 0.0), turn).rotate((0.0, 0.0, half))
+            np.testing.assert_allclose(high - low, 2.0 * (np.abs(axis) + radius), atol=1e-9)
 
     def test_terrain(self, tmp_path: Path) -> None:
         """Terrain is stood on where it is seen (item 63)."""

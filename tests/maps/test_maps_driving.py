@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from built_worlds import build_world, cuboid_mesh, grid_mesh, scene_of, thing
+from built_worlds import blocks, build_world, cuboid_mesh, grid_mesh, mesh_of, scene_of, thing
 from t3d_maps import brush, level, start, two_rooms
 from udk_maps import room as udk_room
 
@@ -22,15 +22,17 @@ HERE = StartPose("Here", Pose((0.0, 0.0, 0.3)))
 
 
 class Ride:
-    """One P2AT in a world, and where it is."""
+    """One robot in a world, and where it is."""
 
-    def __init__(self, rehearsal: Rehearsal, tag: str, yaw: float = 0.0) -> None:
+    def __init__(
+        self, rehearsal: Rehearsal, tag: str, yaw: float = 0.0, kind: str = "P2AT"
+    ) -> None:
         self._rehearsal = rehearsal
         self._client: RehearsedClient = rehearsal.connect()
         place = f"{{Start {tag}}}"
         if yaw:
             place = f"{{Location 0,0,-0.25}} {{Rotation 0,0,{yaw}}}"
-        self._client.send(f"INIT {{ClassName USARBot.P2AT}} {{Name R{tag}{yaw:.1f}}} {place}")
+        self._client.send(f"INIT {{ClassName USARBot.{kind}}} {{Name R{tag}{yaw:.1f}}} {place}")
         rehearsal.run(1.0)
 
     def drive(self, speed: float, seconds: float) -> list[np.ndarray]:
@@ -191,3 +193,34 @@ def test_robots_may_stand_on_slopes_and_steps(tmp_path: Path) -> None:
         assert len(on_ramp) > 5
         expected = flat + (on_ramp[:, 0] - 1.0) * 0.2
         np.testing.assert_allclose(on_ramp[:, 2], expected, atol=0.02)
+
+
+def test_a_robot_passes_the_door_of_a_thin_wall(tmp_path: Path) -> None:
+    """A P3AT drives through a door of 0.9 m in a wall of 1.5 cm; the wall beside it stops it."""
+    door = np.ones((3, 1, 2), dtype=bool)
+    door[1, 0, 0] = False
+    wall = blocks(door, (-5, -0.45, 0.45, 5), (0.7925, 0.8075), (0, 2, 3))
+    across = mesh_of(wall.vertices[:, [1, 0, 2]], wall.triangles[:, ::-1])
+    floor = thing(cuboid_mesh((-6, -6, -0.2), (6, 6, 0)), "floor")
+    starts = [HERE, StartPose("Beside", Pose((0.0, 2.0, 0.3)))]
+    folder = folder_of(tmp_path, scene_of(floor, thing(across, "wall"), starts=starts))
+    with Rehearsal(world=folder) as rehearsal:
+        through = Ride(rehearsal, "Here", kind="P3AT")
+        assert through.drive(4.0, 14.0)[-1][0] > 1.5
+        beside = Ride(rehearsal, "Beside", kind="P3AT")
+        assert 0.4 < max(place[0] for place in beside.drive(4.0, 10.0)) < 0.7925
+
+
+def test_a_robot_climbs_loose_stairs(tmp_path: Path) -> None:
+    """Onto a step of 4 cm that can be pushed a robot drives and stands on its tread."""
+    grid = np.tril(np.ones((2, 2), dtype=bool))
+    low = blocks(grid[:, None, :], (0, 1.2, 2.4), (-0.45, 0.45), (0, 0.04, 0.08))
+    floor = thing(cuboid_mesh((-6, -6, -0.2), (6, 6, 0)), "floor")
+    loose = thing(low, "steps", Pose((0.4, 0.0, 0.0)), movable=True, mass=200.0)
+    with Rehearsal(world=folder_of(tmp_path, scene_of(floor, loose, starts=[HERE]))) as rehearsal:
+        ride = Ride(rehearsal, "Here", kind="P3AT")
+        flat = ride.place()[2]
+        way = np.array(ride.drive(4.0, 14.0))
+        first = way[(way[:, 0] > 0.8) & (way[:, 0] < 1.2)]
+        assert len(first) > 3
+        np.testing.assert_allclose(first[:, 2], flat + 0.04, atol=0.01)

@@ -1,4 +1,4 @@
-"""What is felt is what is seen, wherever robots may drive (worlds reference 9.3 and 9.4)."""
+"""What is felt is what is seen, from above and from the side (worlds reference 9.3 and 9.4)."""
 
 from __future__ import annotations
 
@@ -8,11 +8,23 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from built_worlds import build_world, cuboid_mesh, grid_mesh, joined, mesh_of, scene_of, thing
+from built_worlds import (
+    AXES,
+    blocks,
+    build_world,
+    cuboid_mesh,
+    grid_mesh,
+    holed_plate,
+    joined,
+    mesh_of,
+    scene_of,
+    thing,
+    torus,
+)
 from numpy.typing import NDArray
 
 from usarsim_maps.build.mesh_error import model_error
-from usarsim_maps.scene import Mesh, Part, SceneObject
+from usarsim_maps.scene import Collision, Mesh, Part, SceneObject
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 
 Array = NDArray[np.float64]
@@ -73,6 +85,18 @@ def mixed(mesh: Mesh) -> Mesh:
     return mesh_of(
         mesh.vertices, np.where(turned[:, None], mesh.triangles[:, ::-1], mesh.triangles)
     )
+
+
+def aslant(mesh: Mesh) -> Mesh:
+    """Turned by 30 degrees about z."""
+    turn = Pose((0.0, 0.0, 0.0), quaternion_from_rpy(0.0, 0.0, np.pi / 6)).matrix()
+    return mesh_of(mesh.vertices @ turn.T, mesh.triangles)
+
+
+def apart(mesh: Mesh) -> Mesh:
+    """Each triangle has corners of its own."""
+    corners = mesh.vertices[mesh.triangles].reshape(-1, 3)
+    return mesh_of(corners, np.arange(len(corners)).reshape(-1, 3))
 
 
 def dome(radius: float = 1.0) -> Mesh:
@@ -177,3 +201,177 @@ def test_the_report_says_how_far_off(tmp_path: Path) -> None:
     assert "is felt" not in good.texts()
     bad = build_world(tmp_path, scene_of(floor, invisible))
     assert "floor: is felt 0 mm off what is seen in the median, 100 mm at 95 %" in bad.texts()
+
+
+def filled(shape: tuple[int, int, int], *empty: tuple[object, ...]) -> NDArray[np.bool_]:
+    """Blocks of a grid, but for some."""
+    found = np.ones(shape, dtype=bool)
+    for place in empty:
+        found[place] = False  # type: ignore[index]
+    return found
+
+
+def steps(count: int, width: float) -> Mesh:
+    """Solid stairs of one skin, whose sides do not meet edge by edge."""
+    grid = np.arange(count)[:, None] >= np.arange(count)[None, :]
+    return blocks(
+        grid[:, None, :],
+        (np.arange(count + 1) * 0.2).tolist(),
+        (-width / 2.0, width / 2.0),
+        (np.arange(count + 1) * 0.2).tolist(),
+    )
+
+
+def sheet_with_door() -> Mesh:
+    """A wall without thickness, seen from both sides, with a door of 0.9 x 2 m."""
+    corners = [(x, 0.0, z) for x in (-3.0, -0.45, 0.45, 3.0) for z in (0.0, 2.0, 3.0)]
+    quads = [(0, 3, 4, 1), (1, 4, 5, 2), (4, 7, 8, 5), (6, 9, 10, 7), (7, 10, 11, 8)]
+    one = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
+    return mesh_of(corners, one + [t[::-1] for t in one])
+
+
+EVERY, MIDDLE = slice(None), slice(1, 2)
+LEGS = [(MIDDLE, EVERY, 0), (EVERY, MIDDLE, 0)]
+OPEN: dict[str, tuple[Mesh, int, list[tuple[float, float]]]] = {
+    "door": (
+        blocks(filled((3, 1, 2), (1, 0, 0)), (-5, -0.45, 0.45, 5), (0, 0.015), (0, 2, 3)),
+        3,
+        [(0.0, 0.5), (-0.43, 1.98), (0.43, 0.02)],
+    ),
+    "two sided sheet": (sheet_with_door(), 5, [(0.0, 0.5), (-0.43, 1.9)]),
+    "round hole": (holed_plate(64, 0.3, 2.0, 0.015), 40, [(0.0, 1.0), (0.28, 1.0)]),
+    "small round hole": (holed_plate(24, 0.13, 1.2, 0.02), 26, [(0.0, 0.6), (0.1, 0.6)]),
+    "square hole": (
+        blocks(filled((3, 1, 3), (1, 0, 1)), (-2, 0, 0.25, 2), (0, 0.01), (0, 0.8, 1.05, 1.5)),
+        4,
+        [(0.12, 0.9), (0.02, 1.02)],
+    ),
+    "picture frame": (
+        blocks(
+            filled((3, 1, 3), (1, 0, 1)),
+            (-0.25, -0.2, 0.2, 0.25),
+            (0, 0.02),
+            (0, 0.05, 0.45, 0.5),
+        ),
+        4,
+        [(0.0, 0.25)],
+    ),
+    "gate": (
+        blocks(filled((3, 1, 2), (1, 0, 0)), (-1.2, -1.1, 1.1, 1.2), (0, 0.1), (0, 2.2, 2.3)),
+        3,
+        [(0.0, 0.5), (1.08, 2.18)],
+    ),
+    "table": (
+        blocks(
+            filled((3, 3, 2), *LEGS),
+            (-0.7, -0.64, 0.64, 0.7),
+            (-0.4, -0.34, 0.34, 0.4),
+            (0, 0.7, 0.74),
+        ),
+        8,
+        [(0.0, 0.3), (0.6, 0.65)],
+    ),
+    "chair": (
+        blocks(
+            filled((3, 3, 3), *LEGS, (slice(1, 3), EVERY, 2)),
+            (-0.2, -0.16, 0.16, 0.2),
+            (-0.2, -0.16, 0.16, 0.2),
+            (0, 0.42, 0.46, 0.9),
+        ),
+        8,
+        [(0.0, 0.2), (0.1, 0.7)],
+    ),
+    "torus": (torus(32, 16, 0.5, 0.12), 32, []),
+}
+"""Things with openings, how many pieces are enough, and x and z of places to look through them."""
+
+
+@pytest.mark.parametrize("change", [as_it_is, reversed_, mixed, apart, aslant])
+@pytest.mark.parametrize("name", OPEN)
+def test_openings_are_felt_open(tmp_path: Path, name: str, change: Change) -> None:
+    """Doors, holes, frames, tables and gates are open for robots where they are open to the eye,
+    whatever the windings are, and whether they can be pushed or not."""
+    mesh, most, places = OPEN[name]
+    floor = thing(cuboid_mesh((-8, -8, -0.5), (8, 8, -0.001)), "floor")
+    ways = np.array([[0.0, 1.0, 0.0]])
+    if change is aslant:
+        ways = np.array([[-0.5, np.sqrt(0.75), 0.0]])
+    if change is aslant:
+        mesh = mesh_of(mesh.vertices - [0.0, mesh.vertices[:, 1].mean(), 0.0], mesh.triangles)
+    for movable in (False, True):
+        one = thing(change(mesh), "it", movable=movable)
+        world = build_world(tmp_path, scene_of(floor, one))
+        error = model_error(world.model)
+        assert (error.sides["it"].blocked, error.sides["it"].passed) == (0, 0)
+        assert error.sides["it"].rays > 100
+        assert world.built.pieces - 1 <= most
+        for x, z in places:
+            turn = np.pi / 6 if change is aslant else 0.0
+            middle = np.array([x * np.cos(turn), x * np.sin(turn), z])
+            start = middle - 3.0 * ways[0]
+            assert world.solid_rays(tuple(start.tolist()), ways)[0] == np.inf, (x, z)
+
+
+@pytest.mark.parametrize("change", [as_it_is, reversed_, mixed, apart, aslant])
+def test_loose_stairs_are_stairs(tmp_path: Path, change: Change) -> None:
+    """Each tread of stairs that can be pushed is felt where it is, also after a push."""
+    floor = thing(cuboid_mesh((-8, -8, -0.5), (8, 8, 0.0)), "floor")
+    loose = thing(change(steps(5, 0.9)), "stairs", movable=True, mass=20.0)
+    model = build_world(tmp_path, scene_of(floor, loose)).model
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    body = model.body("stairs").id
+    turn = np.pi / 6 if change is aslant else 0.0
+    for pushed in (False, True):
+        if pushed:
+            data.xfrc_applied[body] = (0.0, 300.0, 0.0, 0.0, 0.0, 10.0)
+            mujoco.mj_step(model, data, 300)
+            assert np.linalg.norm(data.xpos[body][:2]) > 0.05
+        groups = np.array([0, 0, 0, 1, 0, 0], dtype=np.uint8)
+        geom = np.zeros(1, dtype=np.int32)
+        matrix = data.xmat[body].reshape(3, 3)
+        for number in range(5):
+            for across in (-0.43, 0.02, 0.43):
+                for along in (0.02, 0.11, 0.18):
+                    x = 0.2 * number + along
+                    spot = np.array([
+                        x * np.cos(turn) - across * np.sin(turn),
+                        x * np.sin(turn) + across * np.cos(turn),
+                        2.0,
+                    ])  # fmt: skip
+                    start = data.xpos[body] + matrix @ spot
+                    down = -matrix[:, 2]
+                    way = mujoco.mj_ray(model, data, start, down, groups, 1, -1, geom, None)
+                    assert way == pytest.approx(2.0 - 0.2 * (number + 1), abs=2e-3)
+
+
+def test_what_cannot_be_cut_is_told(tmp_path: Path) -> None:
+    """A loose thing of more than 64 convex pieces becomes a hull, and the report says so."""
+    floor = thing(cuboid_mesh((-8, -8, -0.5), (8, 8, 0.0)), "floor")
+    comb = blocks(
+        filled((141, 1, 2), (slice(1, None, 2), 0, 1)),
+        np.linspace(0.0, 1.05, 142).tolist(), (0.0, 0.3), (0.0, 0.1, 0.6),
+    )  # fmt: skip
+    world = build_world(tmp_path, scene_of(floor, thing(comb, "comb", movable=True)))
+    assert world.built.pieces == 2
+    assert "comb: it moves, and cannot be cut into 64 convex pieces or fewer; its hull" in (
+        world.texts()
+    )
+
+
+def test_the_report_looks_from_the_side(tmp_path: Path) -> None:
+    """A door that is felt closed is told, though all that may be driven on is right."""
+    floor = thing(cuboid_mesh((-8, -8, -0.5), (8, 8, 0.0)), "floor")
+    door = OPEN["door"][0]
+    open_ = build_world(tmp_path, scene_of(floor, thing(door, "wall")))
+    fact = str(open_.findings.facts["felt - seen, level"])
+    assert fact.startswith("something is felt before what is seen on 0.0 %, and seen before what")
+    assert "from the side" not in open_.texts()
+    fill = cuboid_mesh((-0.45, 0, 0), (0.45, 0.015, 2))
+    pane = SceneObject("pane", (Part(fill, visible=False),))
+    shut = build_world(tmp_path, scene_of(floor, thing(door, "wall"), pane))
+    assert "pane: from the side it is felt before what is seen on" in shut.texts()
+    ghost = SceneObject("wall", (Part(door, collision=Collision.NONE),))
+    gone = build_world(tmp_path, scene_of(floor, ghost))
+    assert "wall: from the side it is seen and not felt on" in gone.texts()
+    assert gone.solid_rays((2.0, -1.0, 0.5), AXES[2:3])[0] == np.inf

@@ -4,13 +4,34 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from built_worlds import cuboid_mesh, grid_mesh, is_convex, joined, mesh_of, polygon_area
+from built_worlds import (
+    blocks,
+    cuboid_mesh,
+    grid_mesh,
+    holed_plate,
+    is_convex,
+    joined,
+    mesh_of,
+    polygon_area,
+    ramp_mesh,
+    torus,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from usarsim_maps.build.contact import FLOOR, LEAST, THICKNESS, UNDER, collide, slabs
+from usarsim_maps.build.convex import convex_parts
 from usarsim_maps.build.orientation import orient
-from usarsim_maps.build.pieces import BoxPiece, HullPiece, Piece, hull_piece, volumes
+from usarsim_maps.build.pieces import (
+    BoxPiece,
+    Convex,
+    FieldPiece,
+    HullPiece,
+    Piece,
+    corners_of,
+    hull_piece,
+    volumes,
+)
 from usarsim_maps.build.soup import Soup, clean, components, convex_polygons
 from usarsim_maps.build.terrain import as_terrain, is_rolling
 from usarsim_maps.geometry import normals_areas
@@ -131,6 +152,91 @@ class TestSlabs:
         assert piece.points[:, 2].max() == 1.0
         assert piece.points[:, 2].min() == pytest.approx(1.0 - FLOOR)
 
+    @pytest.mark.parametrize("bottom", [False, True])
+    @pytest.mark.parametrize("degrees", [10, 30, 45, 60])
+    @pytest.mark.parametrize("turn", range(3))
+    def test_nothing_stands_out(self, degrees: float, bottom: bool, turn: int) -> None:
+        """Behind the back and the underside of an inclined face no slab stands out by 1 cm,
+        whatever way it is turned."""
+        mesh = ramp_mesh(degrees, bottom)
+        pose = Pose((turn, 0.5, 0.2), quaternion_from_rpy(0.0, 0.0, turn * 0.7))
+        matrix, place = pose.matrix(), np.array(pose.position)
+        soup = soup_of(mesh_of(mesh.vertices @ matrix.T + place, mesh.triangles))
+        slope = np.tan(np.radians(degrees))
+        for piece in slabs(orient(soup, UP), UP):
+            assert not isinstance(piece, FieldPiece)
+            x, y, z = ((corners_of(piece) - place) @ matrix).T
+            assert x.max() < 2.01
+            assert y.min() > -0.01
+            assert y.max() < 1.01
+            assert ((z - slope * x) * np.cos(np.radians(degrees))).max() < 0.01
+            if bottom:
+                assert z.min() > -0.01
+
+    def test_slabs_stay_thick(self) -> None:
+        """What stands out is cut off at its corners only: a slope keeps its 10 cm in the middle."""
+        (slope,) = (
+            piece
+            for piece in slabs(orient(soup_of(ramp_mesh(30, bottom=False)), UP), UP)
+            if np.ptp(corners_of(piece)[:, 0]) > 1.5 and np.ptp(corners_of(piece)[:, 1]) > 0.9
+        )
+        assert volumes([slope])[0] > 0.8 * 0.1 * 2.0 / np.cos(np.radians(30))
+
+
+class TestCutting:
+    """Closed shapes become few convex pieces."""
+
+    def parts(self, mesh: Mesh, most: int = 64) -> list[Convex] | None:
+        """Pieces of one mesh."""
+        return convex_parts(orient(soup_of(mesh), UP), most)
+
+    @pytest.mark.parametrize(
+        ("mesh", "most", "volume"),
+        [
+            (cuboid_mesh((0, 0, 0), (1, 2, 3)), 1, 6.0),
+            (holed_plate(64, 0.3, 2.0, 0.015), 40, 0.015 * (4.0 - 0.2823)),
+            (torus(32, 16, 0.5, 0.12), 32, 0.13761),
+            (ramp_mesh(30), 1, 2.0 * np.tan(np.pi / 6)),
+        ],
+    )
+    def test_pieces_fill_the_shape(self, mesh: Mesh, most: int, volume: float) -> None:
+        """Pieces are few, and together as large as the shape."""
+        pieces = self.parts(mesh)
+        assert pieces is not None
+        assert len(pieces) <= most
+        assert volumes(pieces).sum() == pytest.approx(volume, rel=0.005)
+
+    @given(st.integers(0, 2**27 - 1))
+    @settings(max_examples=25, deadline=None)
+    def test_blocks(self, bits: int) -> None:
+        """Any heap of blocks that is one thing is cut into pieces of its volume, none of which
+        holds the middle of a block that is missing."""
+        filled = np.array([bits >> k & 1 for k in range(27)], dtype=bool).reshape(3, 3, 3)
+        filled[1, 1, :] = filled[:, 1, 1] = True
+        edges = (0.0, 0.3, 0.5, 1.1)
+        soup = soup_of(blocks(filled, edges, edges, edges))
+        pieces = convex_parts(orient(soup, UP), 64)
+        if pieces is None:
+            return  # blocks that touch at edges only need not be closed
+        sizes = np.diff(edges)
+        space = np.einsum("i,j,k->ijk", sizes, sizes, sizes)
+        assert volumes(pieces).sum() == pytest.approx(space[filled].sum(), rel=0.01)
+
+    def test_what_is_open_or_rough_is_not_cut(self) -> None:
+        """A shape without its underside has no inside; a rough ball needs too many pieces."""
+        assert self.parts(ramp_mesh(30, bottom=False)) is None
+        rough = torus(24, 12, 0.5, 0.3)
+        shaken = np.random.default_rng(1).uniform(-0.04, 0.04, rough.vertices.shape)
+        assert self.parts(mesh_of(rough.vertices + shaken, rough.triangles)) is None
+
+    def test_the_same_shape_is_cut_alike(self) -> None:
+        """Twice the same input, twice the same pieces."""
+        one, other = (self.parts(holed_plate(24, 0.2, 1.2, 0.1)) for _ in range(2))
+        assert one is not None
+        assert other is not None
+        for a, b in zip(one, other, strict=True):
+            assert np.array_equal(corners_of(a), corners_of(b))
+
 
 class TestChoosing:
     """Which pieces an object gets (reference 9.4)."""
@@ -192,10 +298,20 @@ class TestChoosing:
         small = grid_mesh(12, 12, 0.4, dice.uniform(0, 0.3, (13, 13)))
         assert len(self.pieces(small)) == 1
 
-    def test_movable_things_are_hulls(self) -> None:
-        """What is small enough to be pushed never gets slabs, which have no inside."""
+    def test_few_slabs_stand_for_what_is_open_and_moves(self) -> None:
+        """What is not closed gets slabs if they are few, also where it moves; else a hull."""
         bumpy = grid_mesh(3, 3, 1.0, np.random.default_rng(1).uniform(0, 0.5, (4, 4)))
+        assert len(self.pieces(bumpy, movable=True)) == 18
+        bumpy = grid_mesh(6, 6, 1.0, np.random.default_rng(1).uniform(0, 0.5, (7, 7)))
         assert len(self.pieces(bumpy, movable=True)) == 1
+
+    def test_a_room_within_walls_is_not_filled(self) -> None:
+        """A hollow block, whose inner skin looks inwards, is walls and no block."""
+        shell = joined(
+            cuboid_mesh((0, 0, 0), (4, 4, 3)),
+            cuboid_mesh((0.2, 0.2, 0.2), (3.8, 3.8, 2.8), inward=True),
+        )
+        assert len(self.pieces(shell)) == 12
 
     def test_flat_hulls_become_plates(self) -> None:
         """Points in one plane have no hull; a plate stands for them (item 59)."""
