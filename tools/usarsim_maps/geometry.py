@@ -64,7 +64,7 @@ def outline_of(shape: object, linear: Array) -> Array:
         case "box":
             return np.asarray(CORNERS * size)
         case "sphere":
-            levels = np.linspace(-0.98, 0.98, 9)
+            levels = np.linspace(-1.0, 1.0, 9)
             radius, half = size[0], size[0]
         case _:
             levels = np.array([-1.0, 1.0])
