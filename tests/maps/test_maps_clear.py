@@ -133,4 +133,15 @@ def test_glass_is_named_as_rays_see_it(tmp_path: Path) -> None:
     world = build_world(tmp_path, scene_of(FLOOR, *panes, starts=[HERE], materials=materials))
     report = report_of(world)
     assert report.transparent == ("shop_glass",)
-    assert [name for name, _ in report.clear] == ["fiberglass", "TransportBox"]
+    assert [name for name, _ in report.clear] == ["TransportBox", "fiberglass", "shop_glass"]
+    text = report.text()
+    assert "lasers pass shop_glass" in text
+    assert "lasers see them as they are felt, but for what they pass" in text
+
+
+def test_things_that_are_called_glass(tmp_path: Path) -> None:
+    """Lasers pass a thing by its own name, too, whatever its material is called."""
+    world = build_world(tmp_path, scene(0.2, replace(pane(), name="Glass_3")))
+    report = report_of(world)
+    assert report.transparent == ("Glass_3",)
+    assert report.clear == (("skin", 0.2),)

@@ -13,7 +13,6 @@ from usarsim_maps.files import read_head
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Array, Scene
 from usarsim_server.errors import MapImportError
-from usarsim_server.simulation.rays.scenery import is_glass_name
 
 MOST_LINES = 40
 """Of missing files, of warnings and of starts in the text; JSON has all."""
@@ -38,9 +37,9 @@ class Report:
     totals: Mapping[str, Any]  # pieces, meshes, memory (MiB), objects, victims and so on
     missing: tuple[tuple[str, str, int], ...]  # kind, name, uses
     warnings: tuple[tuple[str, str, int], ...]  # subject, text, times
-    transparent: tuple[str, ...]  # materials that lasers pass, by their names
+    transparent: tuple[str, ...]  # materials and things that lasers pass, by their names
     clear: tuple[tuple[str, float], ...]
-    """Materials that cameras see through and lasers do not, with their opacity."""
+    """Materials that cameras see through, with their opacity."""
     licence: str  # a note on copying
     seconds: float  # of wall time that the import took
 
@@ -78,7 +77,8 @@ class Report:
             yield "lasers pass " + ", ".join(self.transparent[:MOST_LINES])
         if self.clear:
             told = ", ".join(f"{name} ({100.0 * a:.0f} %)" for name, a in self.clear[:MOST_LINES])
-            yield f"clear      {told} opaque for cameras; lasers see them as they are felt"
+            but = ", but for what they pass" if self.transparent else ""
+            yield f"clear      {told} opaque for cameras; lasers see them as they are felt{but}"
         yield f"licence    {self.licence}"
         yield from _table("START", "ABOVE FLOOR", self._start_rows())
         yield from _table(
@@ -139,10 +139,8 @@ def make_report(scene: Scene, built: Built, findings: Findings, seconds: float) 
         totals=totals,
         missing=tuple(findings.missing_list()),
         warnings=tuple((w.subject, w.text, w.times) for w in findings.warnings()),
-        transparent=tuple(
-            finish.name for finish in built.finishes.values() if is_glass_name(finish.name)
-        ),
-        clear=built.clear,
+        transparent=built.clear.passed,
+        clear=built.clear.clear,
         licence=source.licence or licence_note(source.path),
         seconds=seconds,
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from usarsim_maps.build.cells import Point
-from usarsim_maps.build.clear import clear_materials, with_solids_shown
+from usarsim_maps.build.clear import SeenThrough, seen_through, with_solids_shown
 from usarsim_maps.build.emitter import Emitter
 from usarsim_maps.build.extent import (
     LARGEST,
@@ -59,8 +59,7 @@ class Built:
     checks: tuple[StartCheck, ...]  # of the starts
     things: tuple[NamedObject, ...]  # named objects
     finishes: dict[str, Finish]  # materials by the map's names
-    clear: tuple[tuple[str, float], ...]
-    """Names and opacity of materials that cameras see through and lasers do not."""
+    clear: SeenThrough  # what is not opaque
     pieces: int  # geoms that are solid, and that are seen
     seen: int
     memory: float  # MiB of the compiled model
@@ -162,7 +161,7 @@ def build(
         checks=tuple(checks),
         things=(*objects.things, *brushes),
         finishes=finishes,
-        clear=clear_materials(model),
+        clear=seen_through(model),
         pieces=int(solid.sum()) - 1,
         seen=int((model.geom_group < 3).sum()) - 1,
         memory=probe.memory,

@@ -15,7 +15,7 @@ import numpy as np
 
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Collision, Material, Mesh, Part, Scene, SceneObject
-from usarsim_server.simulation.rays.scenery import SEEN_GROUPS, is_glass
+from usarsim_server.simulation.rays.scenery import SEEN_GROUPS, is_glass, is_glass_name
 
 FAINTEST = 1.0 / 255.0
 """Opacity of solid things that cameras do not see: what has none does not exist for rays."""
@@ -52,21 +52,29 @@ def with_solids_shown(scene: Scene, findings: Findings) -> Scene:
     return replace(scene, materials={**scene.materials, **shown.added})
 
 
-def clear_materials(model: mujoco.MjModel) -> tuple[tuple[str, float], ...]:
-    """Names and opacity of the materials of a world that cameras see through and lasers do not.
+@dataclass(frozen=True, slots=True)
+class SeenThrough:
+    """What is not opaque in a world, of what is seen."""
 
-    Things that lasers pass, because something says that they are glass, do not count.
-    """
-    painted = (model.geom_group < SEEN_GROUPS) & (model.geom_matid >= 0)
-    opacity = model.mat_rgba[:, 3]
-    painted[painted] = (opacity[model.geom_matid[painted]] < 1.0) & (
-        opacity[model.geom_matid[painted]] > 0.0
-    )
-    geoms = [geom for geom in np.flatnonzero(painted).tolist() if not is_glass(model, geom)]
-    return tuple(
-        (model.mat(material).name, round(float(opacity[material]), 6))
-        for material in np.unique(model.geom_matid[geoms]).tolist()
-    )
+    clear: tuple[tuple[str, float], ...]
+    """Names and opacity of materials that cameras see through."""
+    passed: tuple[str, ...]
+    """What lasers pass, because it is called glass: materials, and things by their own name."""
+
+
+def seen_through(model: mujoco.MjModel) -> SeenThrough:
+    """What cameras and lasers see through in a world."""
+    shown = np.flatnonzero((model.geom_group < SEEN_GROUPS) & (model.geom_matid >= 0))
+    clear: dict[str, float] = {}
+    passed: dict[str, None] = {}
+    for geom in shown.tolist():
+        material = model.mat(model.geom_matid[geom]).name
+        opacity = float(model.mat_rgba[model.geom_matid[geom], 3])
+        if is_glass(model, geom):
+            passed[material if is_glass_name(material) else model.geom(geom).name] = None
+        if 0.0 < opacity < 1.0:
+            clear[material] = round(opacity, 6)
+    return SeenThrough(tuple(sorted(clear.items())), tuple(sorted(passed)))
 
 
 @dataclass(slots=True)

@@ -210,7 +210,7 @@ def free_way(probe: Probe, position: Vector) -> tuple[float, float]:
     room = np.full(HEADINGS, FARTHEST_AHEAD)
     for height in ROBOT_HEIGHTS:
         place = np.array([x, y, floor + height])
-        room = np.minimum(room, probe.ways(place, ways, FARTHEST_AHEAD))
+        room = np.minimum(room, np.round(probe.ways(place, ways, FARTHEST_AHEAD), 4))
     best, longest = 0.0, 0.0
     for number in sorted(range(HEADINGS), key=lambda n: (-room[n], n)):
         if room[number] <= longest:
