@@ -144,7 +144,7 @@ def _scene_port(settings: Settings, port: int, assembly: Assembly) -> ScenePort:
     simulation, robots, roles = assembly.simulation, assembly.robots, assembly.roles
     census = Census(robots, roles.avatars, roles.objects)
     pace = _pace(settings, simulation)
-    feed = SceneFeed(simulation, assembly.world, census, robots.lit, pace)
+    feed = SceneFeed(simulation, assembly.world, census, robots.marks, pace)
     supervisor = Supervisor(
         assembly.supervision,
         simulation,

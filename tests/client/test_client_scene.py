@@ -13,7 +13,15 @@ from hypothesis import strategies as st
 from usarsim_client import Poses, Present, ProtocolError, Scene, SceneReader
 from usarsim_server.protocol.scene import message, pose_frame
 
-THING = {"id": 4, "what": "robot", "name": "R1", "class": "P3AT", "kind": "P3AT", "first": 1}
+THING = {
+    "id": 4,
+    "what": "robot",
+    "name": "R1",
+    "class": "P3AT",
+    "kind": "P3AT",
+    "first": 1,
+    "stuck": True,
+}
 STREAM = b"".join(
     [
         message({"type": "mesh", "id": "m:1", "vertices": "", "faces": ""}),
@@ -43,7 +51,7 @@ def test_values_come_out_however_the_bytes_are_cut(cuts: set[int]) -> None:
     assert reply == {"type": "reply", "id": 7, "ok": True}
     robot = present.find("r1")
     assert robot is not None
-    assert (robot.id, robot.class_name, robot.lit) == (4, "P3AT", False)
+    assert (robot.id, robot.class_name, robot.lit, robot.stuck) == (4, "P3AT", False, True)
     assert (poses.time, poses.generation) == (1.5, 2)
     row = poses.of(robot)
     assert row is not None

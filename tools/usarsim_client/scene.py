@@ -45,6 +45,7 @@ class Thing:
     kind: str  # id of its looks
     first: int  # number of the pose of its first body
     lit: bool = False  # its headlight is on
+    stuck: bool = False  # it is told to move and does not
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,6 +168,7 @@ def _present(fields: Message) -> Present:
             one["kind"],
             one["first"],
             bool(one.get("lit")),
+            bool(one.get("stuck")),
         )
         for one in fields["things"]
     )

@@ -130,7 +130,10 @@ class Alarms:
 
 
 class StuckWatch:
-    """Tells whether a robot that ought to move does not; times are simulated s."""
+    """Tells whether a robot of a foreign server that ought to move does not; times are simulated s.
+
+    Our own server tells it itself (`stuck` of the scene port), and knows more of its robots.
+    """
 
     def __init__(self) -> None:
         self._from: tuple[float, float, float] | None = None

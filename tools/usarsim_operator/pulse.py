@@ -86,6 +86,8 @@ class Pulse:
         station, heard = self._station, self._station.world_clock
         self._links = {name: self._links.get(name, "good") for name in station.robots}
         paused = bool(station.scene and station.scene.clock.get("paused"))
+        present = station.scene.present if station.scene else None
+        here = {thing.name: thing for thing in present.things} if present else {}
         for name, one in station.robots.items():
             if not one.own:
                 continue
@@ -101,7 +103,9 @@ class Pulse:
             }
             stale = [] if paused or silent else told.stale(heard)
             causes["stale"] = bool(stale), f"no news of {', '.join(stale[:3])}"
-            if told.pose is not None:
+            if (thing := here.get(name)) is not None:
+                causes["stuck"] = thing.stuck, "it does not move"
+            elif told.pose is not None:
                 stuck = station.stuck[name].stuck(one.power, told.pose[:2], told.pose_time)
                 causes["stuck"] = stuck, "it does not move"
             causes["collision"] = any(told.bumpers.values()), "a bumper is pressed"

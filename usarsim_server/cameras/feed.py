@@ -61,7 +61,7 @@ class _Crowd:
 
     seats: object  # the model, and who is in which of its slots
     known: Mapping[int, Identity]  # somebody who has just come may be missing
-    lit: frozenset[int]  # whose headlights are on
+    marks: Mapping[int, frozenset[str]]  # what is true of whom, such as `lit`
     generation: int
     needed: tuple[str, ...]
     present: bytes
@@ -84,7 +84,7 @@ class SceneFeed:
         simulation: WorldSource,
         description: WorldDescription,
         census: Census,
-        lit: Callable[[int], bool],
+        marks: Callable[[int], frozenset[str]],
         pace: Callable[[], float],
     ) -> None:
         """Stand still until `start`.
@@ -93,12 +93,13 @@ class SceneFeed:
             simulation: the world.
             description: what its scene is made from.
             census: see `Census`; called by the thread.
-            lit: whether a robot, by its number, has its headlight on; likewise.
+            marks: what is true of somebody, by number: `lit` for a headlight that is on, `stuck`;
+                likewise.
             pace: which part of the rate may be used now; called by the thread.
         """
         self._simulation = simulation
         self._description = description
-        self._census, self._lit = census, lit
+        self._census, self._marks = census, marks
         self._pace = pace
         self._rate = MOST_RATE
         self._watch: _Watch | None = None
@@ -193,8 +194,9 @@ class SceneFeed:
         else:
             everybody = self._census(snapshot)
             known = {number: everybody[number] for number in layouts if number in everybody}
-        lit = frozenset(number for number in known if self._lit(number))
-        if former is not None and (former.seats, former.known, former.lit) == (seats, known, lit):
+        marks = {number: self._marks(number) for number in known}
+        now = seats, known, marks
+        if former is not None and (former.seats, former.known, former.marks) == now:
             return former
         primitives = self._model(snapshot)
         things: list[dict[str, object]] = []
@@ -208,7 +210,7 @@ class SceneFeed:
             kinds[kind] = None
             thing = {"id": number, "what": one.what, "name": one.name, "class": one.class_name}
             thing |= {"kind": kind, "first": len(bodies)}
-            things.append(thing | {"lit": True} if number in lit else thing)
+            things.append(thing | dict.fromkeys(sorted(marks[number]), True))
             bodies += primitives.bodies(slot)
         generation = 0 if former is None else former.generation + 1
         present = message(
@@ -222,7 +224,7 @@ class SceneFeed:
         )
         chosen = np.array(bodies, dtype=np.intp)
         self._forget(kinds)
-        self._crowd = _Crowd(seats, known, lit, generation, tuple(kinds), present, chosen)
+        self._crowd = _Crowd(seats, known, marks, generation, tuple(kinds), present, chosen)
         return self._crowd
 
     def _model(self, snapshot: Snapshot) -> Primitives:

@@ -82,9 +82,7 @@ class Solid:
             self._scene = rtcore_scene.EmbreeScene()
             TriangleMesh(self._scene, faces.astype(np.float32))
 
-    def cast(
-        self, origin: Array, directions: Plane, begin: Plane | np.float32 = BEGIN
-    ) -> Hits:
+    def cast(self, origin: Array, directions: Plane, begin: Plane | np.float32 = BEGIN) -> Hits:
         """What rays from one point meet; depths are in units of the directions' lengths.
 
         They begin at some depth, a number or (n, 1).

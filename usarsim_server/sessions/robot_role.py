@@ -10,6 +10,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from usarsim_server.actuators.articulation import Articulation
 from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
@@ -38,6 +40,8 @@ from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 
 MOST_TOGETHER = 64
 """Sets of streams that fall due together, of which a robot keeps in mind who they are."""
+SPINNING = 0.1
+"""rad/s beyond which a wheel turns."""
 UPRIGHTING_LIFT = 0.05
 """m that a flipped robot is set down from."""
 
@@ -237,6 +241,8 @@ class RobotRole(Role):
             return None
         self._tell_changes(state)
         status = [self._status(state)] if due[0] == 0 else []
+        if status:
+            self._watch(state)
         self._check_battery(snapshot.time)
         if self._dead:
             return PendingReport(snapshot, finish=lambda hits: status)
@@ -320,6 +326,14 @@ class RobotRole(Role):
             udk_order=self._options.udk_sta_order,
         )
         return self._drive_controller.status(facts, self._dialect)
+
+    def _watch(self, state: RobotBody) -> None:
+        """Log that the robot is told to move and does not, once a minute at most."""
+        speed = 0.0 if self._dead else self._drive_controller.wanted_speed
+        if self.vehicle.watch.see(speed, state.pose, state.time):
+            wheels = np.abs(state.wheel_speeds).max(initial=0.0) > SPINNING
+            how = "its wheels turn" if wheels else "something holds it"
+            self._log.warning(f"DRIVE does not move the robot: {how}", speed=f"{speed:.2f} m/s")
 
     def _check_battery(self, time: float) -> None:
         if not self._dead and self._power.empty(time):

@@ -24,6 +24,7 @@ from usarsim_server.robots.catalog import RobotCatalog
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.sensors.base import Sensor, SensorContext, create_sensor
+from usarsim_server.sessions.stuck import StuckWatch
 from usarsim_server.simulation.articulation import JointModel, ToolModel
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import RobotModel
@@ -108,6 +109,7 @@ class Vehicle:
     board: CameraBoard  # all cameras of the world
     home: Pose  # where it was put at first
     power: Power = field(default_factory=Power)  # its battery and headlight
+    watch: StuckWatch = field(default_factory=StuckWatch)  # set by its pilot, read by any thread
 
     @property
     def robot(self) -> int:
@@ -289,6 +291,14 @@ class Robots:
         """Whether the headlight of a robot, by its number in the simulation, is on."""
         vehicle = self._vehicles.get(robot)
         return vehicle is not None and vehicle.power.lit
+
+    def marks(self, robot: int) -> frozenset[str]:
+        """What onlookers are told of a robot, by its number: `lit` and `stuck` where it is so."""
+        vehicle = self._vehicles.get(robot)
+        if vehicle is None:
+            return frozenset()
+        marks = {"lit": vehicle.power.lit, "stuck": vehicle.watch.stuck}
+        return frozenset(mark for mark, on in marks.items() if on)
 
     def move(self, name: str, change: Callable[[Pose], Pose]) -> bool:
         """Put a vehicle somewhere else, at rest, or beside it; whether there is one.

@@ -300,9 +300,11 @@ class BodyHandle:
 
     Attributes:
         number: its number in the simulation.
+        last_drive: what its driven wheels were told last, rad/s; empty before.
     """
 
     def __init__(self, number: int, simulation: Simulation) -> None:
+        self.last_drive: NDArray[np.float64] = np.zeros(0)
         self.number = number
         self._simulation = simulation
         self._engine = simulation._engine
@@ -330,6 +332,7 @@ class BodyHandle:
         """
         if (np.abs(targets) >= SPEED_LIMIT).any():
             raise ValueError(f"wheel speed targets must be finite and sensible: {targets}")
+        self.last_drive = targets
         self._mail.post(lambda: self._engine.drive(self.number, targets))
 
     def command_joints(self, orders: Mapping[str, JointOrder]) -> None:

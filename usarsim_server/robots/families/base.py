@@ -81,6 +81,13 @@ class DriveController(ABC):
     def stop(self) -> None:
         """Stand still, or do what a machine without power does."""
 
+    @property
+    def wanted_speed(self) -> float:
+        """How fast the robot is told to go, m/s; that of its fastest wheel, 0 while it rests."""
+        radii = [wheel.radius for wheel in self.robot.driven_wheels]
+        speeds = np.nan_to_num(self.body.last_drive)
+        return float(np.max(np.abs(speeds) * radii, initial=0.0)) if len(speeds) else 0.0
+
     def rest(self) -> None:
         """Stand still where it is, under power."""
         self.stop()

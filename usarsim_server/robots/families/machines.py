@@ -110,6 +110,10 @@ class FlightController(DriveController):
         self._pitch = self._roll = 0.0
         """As on the wire: nose up and right side down, rad."""
 
+    @property
+    def wanted_speed(self) -> float:
+        return max(abs(self._linear), abs(self._lateral), abs(self._vertical))
+
     def steer(self, drive: Drive, dialect: Dialect) -> None:
         # Here the flag holds for the command that carries it, in both eras (3.4).
         percent = bool(drive.normalized)
@@ -259,6 +263,14 @@ class VesselController(DriveController):
         super().__init__(robot, body)
         self._vessel = vessel
         self._propeller = self._rudder = self._planes = 0.0
+
+    @property
+    def wanted_speed(self) -> float:
+        """The speed at which thrust and drag ahead are equal, m/s (see `simulation/diving.py`)."""
+        vessel = self._vessel
+        push = 2.0 * vessel.thrust_coefficient / max(vessel.drag_area[0], 1e-6)
+        turns = abs(self._propeller) / math.tau
+        return turns * vessel.propeller_diameter**2 * math.sqrt(push)
 
     def steer(self, drive: Drive, dialect: Dialect) -> None:
         vessel = self._vessel
