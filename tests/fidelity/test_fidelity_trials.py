@@ -28,8 +28,6 @@ from usarsim_bench.fidelity.terrain import (
 from usarsim_bench.fidelity.workshop import Workshop
 
 STEP = 0.004
-KNOWN = {("V19", "fields of 0 to 6 cm crossed, of 4", "TeleMax")}
-"""What fails, as docs/fidelity.md tells."""
 CLIMBERS = TRACKED[:4]
 
 
@@ -50,10 +48,9 @@ def timesteps(trial: Trial, robot: str) -> tuple[float, ...]:
     ],
 )
 def test_trial(shop: Workshop, trial: Trial, robot: str) -> None:
-    """Every quantity lies in its band, but for what is known to fail."""
+    """Every quantity lies in its band."""
     for result in trial.run(shop, robot, timesteps(trial, robot)):
-        known = (result.test, result.quantity, robot) in KNOWN
-        assert result.passed is not known, (result.quantity, result.timestep, result.value)
+        assert result.passed, (result.quantity, result.timestep, result.value)
 
 
 def test_slopes_of_the_table_are_those_of_friction() -> None:
