@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Callable, Iterator
 
 import pytest
+from far_machine import FarMachine, lacking
 from images_harness import FakeSource, RunningImages
 from services_harness import Running
 from wireless_harness import Line
@@ -45,3 +46,16 @@ def running() -> Iterator[Radio]:
     """The wireless services, and two stations that hear each other."""
     with Radio(Line(A=0, B=1)) as radio:
         yield radio
+
+
+@pytest.fixture
+def far_machine() -> Iterator[FarMachine]:
+    """Another machine, which can be switched off; it is taken away with the test."""
+    if reason := lacking():
+        pytest.skip(reason)
+    try:
+        machine = FarMachine()
+    except OSError as error:
+        pytest.skip(f"a machine that can be switched off needs network namespaces: {error}")
+    yield machine
+    machine.remove()

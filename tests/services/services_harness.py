@@ -222,11 +222,11 @@ class OnLoop:
 class Running(OnLoop):
     """A control service."""
 
-    def __init__(self, limits: ControlLimits, hold: bool = False) -> None:
+    def __init__(self, limits: ControlLimits, hold: bool = False, host: str = "127.0.0.1") -> None:
         self.sessions: list[FakeAgent] = []
         self.hold = hold
         self.refuse: Exception | None = None
-        self.service = ControlService("127.0.0.1", 0, GREETING, self._session, limits)
+        self.service = ControlService(host, 0, GREETING, self._session, limits)
         super().__init__(self.service)
         [self.endpoint] = self.begin()
 

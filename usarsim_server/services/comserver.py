@@ -52,6 +52,7 @@ from usarsim_server.services.relay import (
     dial,
 )
 from usarsim_server.services.replies import PIECE, ReplyBuffer
+from usarsim_server.services.silence import ends_when_gone
 
 _BLOCK = 4 * 1024
 """Bytes read at a time from a link; the worst of them, messages without payload, take half a
@@ -278,8 +279,10 @@ class ComServerService(PortService[ComServerLimits]):
                     self._log.info("a robot does not answer", robot=robot.name, reason=answer)
             if len(sockets) == 2:
                 self._network.log.write(Event.CON_ESTABLISHED, *facts)
-                await self._carry(sockets, me.name, other.name)
-                self._network.log.write(Event.CON_TERMINATED, *facts)
+                try:
+                    await self._carry(sockets, me.name, other.name)
+                finally:
+                    self._network.log.write(Event.CON_TERMINATED, *facts)
         except Exception as error:  # a defect in one link must not end the others
             self._log.exception("link closed by a server error", error, link=facts)
         finally:
@@ -290,11 +293,16 @@ class ComServerService(PortService[ComServerLimits]):
         """Until CLOSE, the end of either side, or the end of the radio's reach (5.4)."""
         there, back = sockets
         account = self._link_budget.newcomer()
-        await both_ways(
-            self._one_way(there, back, one, other, account),
-            self._one_way(back, there, other, one, account),
-            until=asyncio.FIRST_COMPLETED,
-        )
+        seconds = self._limits.silence
+        with (
+            ends_when_gone(there, self._log, seconds, link=f"{one} {other}", robot=one),
+            ends_when_gone(back, self._log, seconds, link=f"{one} {other}", robot=other),
+        ):
+            await both_ways(
+                self._one_way(there, back, one, other, account),
+                self._one_way(back, there, other, one, account),
+                until=asyncio.FIRST_COMPLETED,
+            )
 
     async def _one_way(
         self,

@@ -160,8 +160,8 @@ class ControlService(PortService[ControlLimits]):
                 guest.standing = lambda: self._stands(guest, session)
                 guest.leave = connection.dismiss
                 reason = await connection.run(session, lambda: self._guests.heard(guest))
-        except asyncio.CancelledError:
-            reason = "server stopped"
+        except asyncio.CancelledError as error:
+            reason = str(error) or "server stopped"
             raise
         finally:
             connection.outbox.close()

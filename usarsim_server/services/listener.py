@@ -23,6 +23,7 @@ from usarsim_server.errors import ServiceError
 from usarsim_server.logs import Log
 from usarsim_server.processes import port_taker
 from usarsim_server.services.limits import AddressBuckets, TokenBucket
+from usarsim_server.services.silence import PATIENCE, ends_when_gone
 
 Handler = Callable[[socket.socket, str], Awaitable[None]]
 """Serves one client: a non-blocking socket for the `loop.sock_*` calls, and the peer `host:port`.
@@ -99,6 +100,9 @@ class ListenerLimits:
     reaches several MiB."""
     send_buffer: int | None = None
     """The same for output. A small one bounds how old the data are that a slow client reads."""
+    silence: float = PATIENCE
+    """s of wall time after which a client's machine counts as gone, if what it was sent stays
+    unacknowledged and it sends nothing; see `silence`."""
 
     @property
     def kernel_bytes(self) -> int:
@@ -276,7 +280,8 @@ class Listener:
                 )
                 if not await _stays(client, delay):
                     return
-            await self._handler(client, peer)
+            with ends_when_gone(client, self._log, self._limits.silence, connection=peer):
+                await self._handler(client, peer)
         except OSError as error:
             self._log.debug("connection lost", connection=peer, reason=error)
         except Exception as error:  # a defect in one conversation must not end the others
@@ -381,16 +386,23 @@ def format_address(host: str, port: int) -> str:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
+_KEEPALIVE = {"TCP_KEEPIDLE": 15, "TCP_KEEPINTVL": 5, "TCP_KEEPCNT": 3}
+"""s of silence before the kernel asks whether the other machine is there, s between two questions,
+and how many stay unanswered until it is gone: `silence.PATIENCE` in all."""
+
+
 def tune(client: socket.socket) -> None:
-    """Never wait for a socket, send at once, notice when the other machine is gone."""
+    """Never wait for a socket, send at once, notice when the other machine is gone.
+
+    Keepalive notices it only while nothing is in flight; `ends_when_gone` sees to the rest.
+    """
     client.setblocking(False)
     # Each line leaves at once and in a segment of its own (protocol reference 1.1 REQ).
     client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    # A controller whose machine was switched off would otherwise leave its robot for ever.
     client.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 60)
-    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 10)
-    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 6)
+    for name, value in _KEEPALIVE.items():
+        if hasattr(socket, name):  # not all of them on other systems
+            client.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
 
 def set_buffers(one: socket.socket, receive: int | None, send: int | None) -> None:

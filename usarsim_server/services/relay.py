@@ -21,6 +21,7 @@ from usarsim_server.radio.configuration import LinkClock, LinkShape
 from usarsim_server.radio.network import Network
 from usarsim_server.services.budget import BYTE_COST, Account, WorkBudget
 from usarsim_server.services.listener import set_buffers, tune
+from usarsim_server.services.silence import PATIENCE, ends_when_gone
 
 BUFFER = 32 * 1024
 """Bytes read at a time where traffic simply passes; the original read 2048 (4.3)."""
@@ -34,6 +35,8 @@ SHARE = 0.15
 """Part of a processor that all links of a service may use: some 40 MB/s."""
 DIAL_TIMEOUT = 5.0
 """s of wall time for a robot to accept a connection."""
+
+_log = Log("relay")
 
 
 class DialError(Exception):
@@ -49,6 +52,8 @@ class LinkOptions:
     seed: int = 0  # of losses
     budget: WorkBudget = field(default_factory=lambda: WorkBudget(SHARE))
     """Processor time for carrying it."""
+    silence: float = PATIENCE
+    """s of wall time after which the machine at either end counts as gone; see `silence`."""
 
     @property
     def plain(self) -> bool:
@@ -158,6 +163,8 @@ async def join(
 ) -> None:
     """Pass bytes both ways until both sides have ended, or either is lost.
 
+    Cancels the running task when the machine at either side is gone.
+
     Args:
         one: the one that connected; not closed here, as the other is not.
         other: the one that was dialled.
@@ -172,11 +179,16 @@ async def join(
         passed(forward, size)
 
     there, back = partial(note, True), partial(note, False)
-    await both_ways(
-        pump(one, other, link_options, f"{name}>", account, there),
-        pump(other, one, link_options, f"{name}<", account, back),
-        until=asyncio.FIRST_EXCEPTION,
-    )
+    seconds = link_options.silence
+    with (
+        ends_when_gone(one, _log, seconds, link=name, end="the one that connected"),
+        ends_when_gone(other, _log, seconds, link=name, end="the one that was dialled"),
+    ):
+        await both_ways(
+            pump(one, other, link_options, f"{name}>", account, there),
+            pump(other, one, link_options, f"{name}<", account, back),
+            until=asyncio.FIRST_EXCEPTION,
+        )
 
 
 async def cancel_all(tasks: Collection[asyncio.Task[None]]) -> None:
