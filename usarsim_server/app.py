@@ -50,7 +50,7 @@ from usarsim_server.worlds.machinery.obstacles import operators_of
 from usarsim_server.worlds.objects import bodies as object_classes
 from usarsim_server.worlds.objects.bodies import load_objects
 from usarsim_server.worlds.objects.objects import WorldObjects
-from usarsim_server.worlds.scene import build_scene, scene_error
+from usarsim_server.worlds.scene import build_in_parts, scene_error
 from usarsim_server.worlds.surroundings import Surroundings
 
 SWITCH_INTERVAL = 0.0002
@@ -166,7 +166,7 @@ def _simulation(settings: Settings, world: WorldDescription) -> Simulation:
     Raises:
         WorldError: if MuJoCo cannot read or compile the scene.
     """
-    scene = build_scene(world, allow_outside=settings.allow_outside, compiled=False)
+    scene, fixed = build_in_parts(world, allow_outside=settings.allow_outside)
     options = SimulationOptions(
         physics=PhysicsOptions(timestep=settings.timestep, surfaces=world.surfaces),
         speed=settings.speed,
@@ -177,7 +177,7 @@ def _simulation(settings: Settings, world: WorldDescription) -> Simulation:
         upper=world.upper,
     )
     try:
-        return Simulation(scene.copy, options)  # each growing model is made anew of a copy
+        return Simulation(scene.copy, options, fixed)  # a growing model is made anew of a copy
     except ValueError as error:
         raise scene_error(world, error) from error
 

@@ -59,13 +59,13 @@ def test_robots_are_refused_under_a_limit(limit: str, room: int) -> None:
 class TestShortage:
     """What is missing, and by which limit."""
 
-    MODEL = mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>")
+    WORLD = compile_world(mujoco.MjSpec, [], PhysicsOptions(), 0)
 
     def test_without_limits(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Nothing is refused."""
         monkeypatch.setattr(memory.resource, "getrlimit", lambda _: (-1, -1))
         monkeypatch.setattr(memory, "_GROUPS", Path("/nowhere"))
-        assert shortage(self.MODEL, 10_000) is None
+        assert shortage(self.WORLD, 10_000) is None
 
     def test_control_groups(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """The narrowest one counts; files that were read do not."""
@@ -80,6 +80,6 @@ class TestShortage:
         monkeypatch.setattr(memory.resource, "getrlimit", lambda _: (-1, -1))
         monkeypatch.setattr(memory, "_GROUPS", own)
         monkeypatch.setattr(memory, "_GROUP_ROOT", tmp_path)
-        missing = shortage(self.MODEL, 6)
+        missing = shortage(self.WORLD, 6)
         assert missing is not None
         assert missing.endswith("70 MiB left by the control group")

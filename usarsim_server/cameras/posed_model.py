@@ -12,6 +12,7 @@ from usarsim_server.cameras.view import CameraView
 from usarsim_server.simulation.frames import Pose, pose_of, rotation_matrix
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.movers import mocap_bodies, pose_as
+from usarsim_server.simulation.raw import copied
 from usarsim_server.simulation.snapshot import RobotLayout, Snapshot
 
 HIDDEN_GROUP = 5
@@ -29,7 +30,7 @@ class Stage:
 
     def __init__(self, world: CompiledWorld) -> None:
         self.generation = world.generation
-        self.model: mujoco.MjModel = world.model.__copy__()
+        self.model: mujoco.MjModel = copied(world.model)
         self.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
         self.data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self.data)

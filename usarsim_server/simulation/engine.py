@@ -29,6 +29,7 @@ from usarsim_server.simulation.movers import Mover, Way, carry_over
 from usarsim_server.simulation.parts import Hook
 from usarsim_server.simulation.sleep import inherit_sleep
 from usarsim_server.simulation.snapshot import Snapshot
+from usarsim_server.simulation.splice import FixedPart
 
 Array = NDArray[np.float64]
 
@@ -54,8 +55,9 @@ class Engine:
         scenery: Callable[[], mujoco.MjSpec],
         options: PhysicsOptions,
         slots: Sequence[RobotModel] = (),
+        fixed: FixedPart | None = None,
     ) -> None:
-        self._generations = Generations(scenery, options)
+        self._generations = Generations(scenery, options, fixed)
         self._options = options
         self.world = self._generations.first(slots)
         self.data = mujoco.MjData(self.world.model)

@@ -37,6 +37,7 @@ from usarsim_server.simulation.native import native_steps
 from usarsim_server.simulation.parts import MOST_AT_REST, Part, Parts
 from usarsim_server.simulation.servos import WheelServos
 from usarsim_server.simulation.sleep import Sleep
+from usarsim_server.simulation.splice import FixedPart
 
 MIB = 2**20
 KEPT_SIZE = 16 * MIB
@@ -97,8 +98,20 @@ class Growth:
 class Generations:
     """Makes the models of one world, one after the other."""
 
-    def __init__(self, scenery: Callable[[], mujoco.MjSpec], options: PhysicsOptions) -> None:
-        """Make none yet; `scenery` makes a fresh specification of the world without robots."""
+    def __init__(
+        self,
+        scenery: Callable[[], mujoco.MjSpec],
+        options: PhysicsOptions,
+        fixed: FixedPart | None = None,
+    ) -> None:
+        """Make none yet.
+
+        Args:
+            scenery: makes a fresh specification of the world without robots.
+            options: of the physics.
+            fixed: geoms of the world that are not in this specification.
+        """
+        self._fixed = fixed
         self._scenery = scenery
         self._options = options
         self._blueprint: Blueprint | None = None
@@ -113,7 +126,7 @@ class Generations:
         """
         blueprint = Blueprint(self._scenery(), self._options)
         blueprint.add(slots)
-        world = blueprint.compile(generation=0)
+        world = blueprint.compile(generation=0, fixed=self._fixed)
         self._keep(blueprint, world)
         return world
 
@@ -135,7 +148,7 @@ class Generations:
         if blueprint is None:
             blueprint = Blueprint(self._scenery(), self._options)
         blueprint.add(slots[len(blueprint.slots) :])
-        world = blueprint.compile(old.generation + 1, old)
+        world = blueprint.compile(old.generation + 1, old, self._fixed)
         same = [one is other for one, other in zip(old.slots, slots, strict=False)]
         kept = tuple(n for n, equal in enumerate(same) if equal and slots[n] is not VACANT)
         changed = tuple(n for n in range(len(old.slots)) if not (n < len(same) and same[n]))
@@ -157,7 +170,7 @@ class Generations:
         self._keep(growth.blueprint, growth.world)
 
     def _keep(self, blueprint: Blueprint, world: CompiledWorld) -> None:
-        small = mujoco.mj_sizeModel(world.model) <= KEPT_SIZE
+        small = mujoco.mj_sizeModel(world.model) - world.fixed <= KEPT_SIZE
         self._blueprint = blueprint if small else None
 
 
@@ -178,19 +191,20 @@ _ARENA_MAX, _MMAP_THRESHOLD = -8, -3
 STATES = 4
 """Copies of model and state in use: the physics, two that judge places, the cameras."""
 COMPILING = 6
-"""Sizes of a model that are needed beside it while it is compiled."""
+"""Sizes of a model that are needed beside it while it is compiled; of what is compiled once: none."""
 RESERVE = 96 << 20
 """Bytes that must be left: shapes for rays, and what every connection and thread takes."""
 
 
-def shortage(model: mujoco.MjModel, dofs: int) -> str | None:
+def shortage(world: CompiledWorld, dofs: int) -> str | None:
     """What is missing for a model with so many degrees of freedom more than the present one.
 
     All copies of it and of its state are counted. Tells how much memory is needed, how much there
     is, and why no more; None if there is enough.
     """
-    size = int(mujoco.mj_sizeModel(model)) + MODEL_PER_DOF * dofs
-    size = RESERVE + (STATES + COMPILING) * size
+    model = world.model
+    size = int(mujoco.mj_sizeModel(model)) - world.fixed + MODEL_PER_DOF * dofs
+    size = RESERVE + STATES * world.fixed + (STATES + COMPILING) * size
     # Few pages of the arenas are ever used, but all of them count as address space.
     least, linear, square = ARENA
     most = int(model.nv) + dofs

@@ -23,6 +23,7 @@ from usarsim_server.simulation.mailbox import yield_interpreter
 from usarsim_server.simulation.midphase import improve_trees
 from usarsim_server.simulation.motion_laws import LawModel
 from usarsim_server.simulation.snapshot import RobotLayout
+from usarsim_server.simulation.splice import FixedPart
 
 SHELF_HEIGHT = 2000.0
 """Top of the parking shelf, m: above anything a ray, a satellite link or a camera asks for."""
@@ -111,6 +112,7 @@ class CompiledWorld:
     masks: NDArray[np.int32]
     """Contact type and affinity (2, nbody) of all bodies; those of parked ones in the running
     model are zero (see `engine.py`)."""
+    fixed: int = 0  # bytes of the model that were compiled once for all generations
 
     def weight(self, slot: int) -> int:
         """Bodies that a slot adds to the model."""
@@ -197,18 +199,23 @@ class Blueprint:
             robot = self.slots[slot]
             add_ties(self._spec, slot_prefix(slot), ROOT_BODY, robot.hands, robot.anchored)
 
-    def compile(self, generation: int, older: CompiledWorld | None = None) -> CompiledWorld:
+    def compile(
+        self, generation: int, older: CompiledWorld | None = None, fixed: FixedPart | None = None
+    ) -> CompiledWorld:
         """Compile a model.
 
         Args:
             generation: number of this compilation.
             older: another one of the same world, of which is used again what is the same here.
+            fixed: more geoms of the world, which are compiled already.
 
         Raises:
             ValueError: if MuJoCo cannot compile it.
         """
         model = self._spec.compile()
         improve_trees(model, apart=model.geom(SHELF_NAME).id)
+        if fixed is not None:
+            model = fixed.into(model)
         slots = tuple(self.slots)
         parking = np.zeros((len(slots), 7))
         for slot, robot in enumerate(slots):
@@ -220,7 +227,8 @@ class Blueprint:
         for layout in layouts:
             _convert_servos(model, layout)
         masks = np.array([model.body_contype, model.body_conaffinity])
-        return CompiledWorld(generation, model, slots, tuple(layouts), parking, masks)
+        size = 0 if fixed is None else fixed.size
+        return CompiledWorld(generation, model, slots, tuple(layouts), parking, masks, size)
 
 
 def compile_world(

@@ -157,10 +157,13 @@ class Objects:
 def geom_names(model: mujoco.MjModel) -> Names:
     """Names by geom id: the geom's own, else its body's, else None; one more None for id -1."""
     names = np.full(model.ngeom + 1, None, dtype=object)
-    for geom in range(model.ngeom):
-        body = int(model.geom_bodyid[geom])
-        own = model.geom(geom).name
-        names[geom] = own or (model.body(body).name if body != WORLD else "") or None
+    owners = [str(model.body(body).name) for body in range(model.nbody)]
+    owners[WORLD] = ""
+    text: bytes = model.names
+    bodies = model.geom_bodyid.tolist()
+    for geom, begin in enumerate(model.name_geomadr.tolist()):
+        own = text[begin : text.index(b"\0", begin)].decode()
+        names[geom] = own or owners[bodies[geom]] or None
     return names
 
 

@@ -23,6 +23,7 @@ from usarsim_server.simulation.mailbox import yield_interpreter
 from usarsim_server.simulation.model import SHELF_HEIGHT, CompiledWorld, put, root_qpos
 from usarsim_server.simulation.movers import mocap_bodies, pose_as
 from usarsim_server.simulation.objects import geom_names
+from usarsim_server.simulation.raw import changeable
 from usarsim_server.simulation.snapshot import Snapshot
 
 TOLERATED = 0.02
@@ -93,7 +94,8 @@ class Placement(_Judge):
     def __init__(self, world: CompiledWorld, lower: Vector, upper: Vector) -> None:
         super().__init__(world, lower, upper)
         # Awake, so that contacts with sleeping robots are found too.
-        self._model = world.model.__copy__()
+        changed = ("body_contype", "body_conaffinity", "geom_rgba", "geom_matid")
+        self._model = changeable(world.model, *changed)
         self._model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
         self._model.body_contype[:], self._model.body_conaffinity[:] = world.masks
         # What is only seen (the true surface of a mesh) is no ground to stand on.
@@ -420,7 +422,7 @@ class Fitting(_Judge):
 
     @cached_property
     def _model(self) -> mujoco.MjModel:
-        model: mujoco.MjModel = self._world.model.__copy__()
+        model = changeable(self._world.model, "geom_type", "geom_size")
         # A capsule whose axis is inside a box counts as touching it only (MuJoCo 3.17).
         capsules = model.geom_type == mujoco.mjtGeom.mjGEOM_CAPSULE
         model.geom_type[capsules] = mujoco.mjtGeom.mjGEOM_CYLINDER

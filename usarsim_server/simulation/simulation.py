@@ -39,6 +39,7 @@ from usarsim_server.simulation.rays.scenery import StaticGeometry
 from usarsim_server.simulation.restart import restart
 from usarsim_server.simulation.slots import SlotLimits, Slots, always, compiled
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
+from usarsim_server.simulation.splice import FixedPart
 from usarsim_server.simulation.touching import Touches, TouchWatch
 
 _log = Log("simulation")
@@ -61,11 +62,23 @@ class SimulationOptions:
 class Simulation:
     """A running world."""
 
-    def __init__(self, scenery: Callable[[], mujoco.MjSpec], options: SimulationOptions) -> None:
+    def __init__(
+        self,
+        scenery: Callable[[], mujoco.MjSpec],
+        options: SimulationOptions,
+        fixed: FixedPart | None = None,
+    ) -> None:
+        """Compile a world; it does not run yet.
+
+        Args:
+            scenery: makes a fresh specification of the world without robots.
+            options: how it is run.
+            fixed: geoms of the world that are not in this specification.
+        """
         check_mujoco_version()
         mujoco.set_mju_user_warning(_log_warning)
         self._options = options
-        self._engine = Engine(scenery, options.physics)
+        self._engine = Engine(scenery, options.physics, fixed=fixed)
         self._static = StaticGeometry(self._engine.world)
         self._mail = Mailbox()
         self._slots = Slots(

@@ -216,7 +216,7 @@ class Slots:
         """Refuse what there is no memory for; MuJoCo would end the process."""
         joints = model.build().joints
         dofs = sum(JOINT_WIDTH[int(joint.type)][1] for joint in joints)
-        missing = shortage(self._engine.world.model, count * dofs)
+        missing = shortage(self._engine.world, count * dofs)
         if missing is not None:
             raise SpawnError(f"there is not enough memory for {model.key}: {missing}")
 

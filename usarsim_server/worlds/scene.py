@@ -25,10 +25,12 @@ from usarsim_server.model_check import check_model
 from usarsim_server.simulation.frames import Array
 from usarsim_server.simulation.ground import Surface
 from usarsim_server.simulation.motion_laws import add_bounds
+from usarsim_server.simulation.splice import FixedPart
 from usarsim_server.worlds.description import SmokeVolume, WorldDescription
 from usarsim_server.worlds.loader import find_world, load_world
 from usarsim_server.worlds.machinery.bodies import add_machinery
 from usarsim_server.worlds.smoke import SmokeField
+from usarsim_server.worlds.solids import read_apart
 from usarsim_server.worlds.strips import add_strips
 from usarsim_server.worlds.victims import add_victim
 
@@ -69,14 +71,50 @@ def build_scene(
             decides (`option`, `keyframe`), if a movable body has no name, or if a name or a
             material of the machinery does not fit the scene.
     """
+    _look_through(world, allow_outside)
+    spec = _read(world)
+    _furnish(world, spec, compiled)
+    return spec
+
+
+def build_in_parts(
+    world: WorldDescription, *, allow_outside: bool = False
+) -> tuple[mujoco.MjSpec, FixedPart | None]:
+    """The same as `build_scene` for a server, which compiles it again and again.
+
+    Returns:
+        A specification, and fixed geoms of a large world that are compiled already; these are not
+        in it.
+
+    Raises:
+        WorldError: see `build_scene`.
+    """
+    _look_through(world, allow_outside)
+    try:
+        parts = read_apart(world.scene)
+    except (ValueError, OSError) as error:
+        raise scene_error(world, error) from error
+    spec, fixed = parts if parts is not None else (_read(world), None)
+    _furnish(world, spec, compiled=False)
+    return spec, fixed
+
+
+def _look_through(world: WorldDescription, allow_outside: bool) -> None:
     shipped = data_directory("worlds")
     own = [world.folder, world.scene.parent]
     folders = Folders([*own, shipped], allow_outside=allow_outside)
     check_model(world.scene, folders, WorldError)
+
+
+def _read(world: WorldDescription) -> mujoco.MjSpec:
     try:
-        spec = mujoco.MjSpec.from_file(str(world.scene))
+        return mujoco.MjSpec.from_file(str(world.scene))
     except (ValueError, OSError) as error:
         raise scene_error(world, error) from error
+
+
+def _furnish(world: WorldDescription, spec: mujoco.MjSpec, compiled: bool) -> None:
+    """Put into a scene what the world's facts say, see `build_scene`."""
     _refuse_server_settings(world, spec)
     if not spec.lights:
         _add_light(spec)
@@ -97,7 +135,6 @@ def build_scene(
             spec.stat.center = model.stat.center
     except ValueError as error:
         raise scene_error(world, error) from error
-    return spec
 
 
 def scene_error(world: WorldDescription, error: Exception) -> WorldError:
