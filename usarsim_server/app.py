@@ -41,6 +41,7 @@ from usarsim_server.settings import Settings
 from usarsim_server.simulation.growth import share_heaps
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
+from usarsim_server.world_cost import WorldLimits
 from usarsim_server.worlds.avatars import bodies as avatar_classes
 from usarsim_server.worlds.avatars.avatars import Avatars
 from usarsim_server.worlds.avatars.bodies import load_avatars
@@ -57,8 +58,8 @@ SWITCH_INTERVAL = 0.0002
 """s after which a Python thread has to let others run; the default of 5 ms starves the physics."""
 
 MAPS = "usarsim_server.maps"
-"""Entry point group of what makes a world folder of a map: a function of the map's path and of
-whether files may be read that lie elsewhere."""
+"""Entry point group of what makes a world folder of a map: a function of the map's path, of whether
+files may be read that lie elsewhere, and of the limits of the world."""
 
 _LEAST_BURST = 64
 """Robots that may come at the same moment, even if fewer fit into the world: most of those who try
@@ -124,7 +125,8 @@ def assemble(settings: Settings) -> Assembly:
         WorldError: if the world cannot be used.
         RobotDescriptionError: if a robot file cannot be used.
     """
-    world = load_world(_world_folder(settings.world, settings.allow_outside))
+    limits = WorldLimits(settings.max_pieces, settings.max_world_memory)
+    world = load_world(_world_folder(settings.world, settings.allow_outside, limits))
     robot_catalog = load_catalog(settings.robots, allow_outside=settings.allow_outside)
     simulation = _simulation(settings, world)
     surroundings = Surroundings(world)
@@ -166,7 +168,11 @@ def _simulation(settings: Settings, world: WorldDescription) -> Simulation:
     Raises:
         WorldError: if MuJoCo cannot read or compile the scene.
     """
-    scene, fixed = build_in_parts(world, allow_outside=settings.allow_outside)
+    scene, fixed = build_in_parts(
+        world,
+        allow_outside=settings.allow_outside,
+        limits=WorldLimits(settings.max_pieces, settings.max_world_memory),
+    )
     options = SimulationOptions(
         physics=PhysicsOptions(timestep=settings.timestep, surfaces=world.surfaces),
         speed=settings.speed,
@@ -182,12 +188,13 @@ def _simulation(settings: Settings, world: WorldDescription) -> Simulation:
         raise scene_error(world, error) from error
 
 
-def _world_folder(named: str, allow_outside: bool) -> Path:
+def _world_folder(named: str, allow_outside: bool, limits: WorldLimits) -> Path:
     """The folder of a world; a map of another program is imported first, or remembered.
 
     Args:
         named: by the user.
         allow_outside: the map may have files read that lie elsewhere.
+        limits: of what becomes of the map.
 
     Raises:
         WorldError: there is no such world, or the map cannot be imported.
@@ -196,8 +203,8 @@ def _world_folder(named: str, allow_outside: bool) -> Path:
     if not is_regular(path):
         return find_world(named)
     for point in entry_points(group=MAPS):
-        importer: Callable[[Path, bool], Path] = point.load()
-        return importer(path, allow_outside)
+        importer: Callable[[Path, bool, WorldLimits], Path] = point.load()
+        return importer(path, allow_outside, limits)
     raise WorldError(at(path, "maps cannot be imported", "install usarsim_maps"))
 
 

@@ -28,7 +28,7 @@ MAX_INCLUDES = 200
 """Files that bring in each other."""
 MAX_DEPTH = 300
 """Elements within each other; MuJoCo reads them by recursion."""
-MAX_ELEMENTS = 400_000
+MAX_ELEMENTS = 2_000_000
 """In all files together."""
 MAX_COPIES = 5000
 """Elements made by `<replicate>`, `<composite>` and `<flexcomp>`. MuJoCo compiles 1,000 bodies in

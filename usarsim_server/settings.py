@@ -18,6 +18,7 @@ from usarsim_server.fields import field
 from usarsim_server.logs import LEVELS
 from usarsim_server.protocol.dialects import DialectMode
 from usarsim_server.protocol.images import IMAGE_TYPES, NORMAL, ImageType
+from usarsim_server.world_cost import MAX_MEMORY, MAX_PIECES, MOST
 
 MOST_TILES = 64
 """Largest number of tiles of the original's grid (side channels reference 2.10)."""
@@ -260,6 +261,21 @@ class Settings:
         high=4096,
         help="objects of world controllers, and avatars, at the same time",
         metavar="N",
+    )
+    max_pieces: int = field(
+        default=MAX_PIECES,
+        low=1,
+        high=MOST,
+        help="pieces of the world; more are refused",
+        metavar="N",
+    )
+    max_world_memory: int = field(
+        default=MAX_MEMORY,
+        unit="MiB",
+        low=1,
+        high=MOST,
+        help="memory of the compiled world; more is refused",
+        metavar="MIB",
     )
     allow_outside: bool = field(
         help="let maps, worlds and robot files read files outside the folders that were given",

@@ -11,6 +11,7 @@ import pytest
 
 from usarsim_server.simulation import growth as memory
 from usarsim_server.simulation.growth import MIB, shortage
+from usarsim_server.simulation.model import PhysicsOptions, compile_world
 
 HOLD = 120.0
 """s of wall time after which a test gives up."""

@@ -64,6 +64,7 @@ class ImportCache:
         digest = hashlib.sha256()
         said = [__version__, FORMAT, str(source), name, options.scale, options.up]
         said += [options.mirror, options.placeholders, options.wall_height, options.allow_outside]
+        said += [options.limits.pieces, options.limits.memory]
         digest.update(json.dumps(said).encode())
         for path in (source, sidecar):
             digest.update(b"\0" if path is None else file_digest(path))

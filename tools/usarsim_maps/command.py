@@ -10,6 +10,7 @@ from pathlib import Path
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import MapImportError, SettingsError, at
 from usarsim_server.files import write_text
+from usarsim_server.world_cost import MAX_MEMORY, MAX_PIECES, MOST, WorldLimits
 
 _EPILOG = (
     "The world folder is DIR/NAME. Facts that the map lacks stand in a sidecar file, "
@@ -19,6 +20,7 @@ _EPILOG = (
 
 _SCALE = "scale", "write the number of units that make a metre, such as 250"
 _HEIGHT = "height of a wall", "write metres from 0.01 to 100"
+_COUNT = "number of this kind", f"write a whole number from 1 to {MOST}"
 """What they are, and how to write them."""
 
 
@@ -62,6 +64,14 @@ def add_parser(subparsers: Subparsers) -> None:
         "--wall-height", metavar="M", help="height of walls of occupancy grids (default 2 m)"
     )
     parser.add_argument(
+        "--max-pieces", metavar="N", help=f"most pieces of the world (default {MAX_PIECES})"
+    )
+    parser.add_argument(
+        "--max-world-memory",
+        metavar="MIB",
+        help=f"most memory of its compiled model (default {MAX_MEMORY})",
+    )
+    parser.add_argument(
         "--report", metavar="FILE", type=Path, help="write the report: JSON if it ends with .json"
     )
     parser.add_argument(
@@ -93,6 +103,10 @@ def run(arguments: argparse.Namespace) -> int:
             placeholders=arguments.placeholders,
             wall_height=_number("--wall-height", arguments.wall_height, 0.01, 100.0, *_HEIGHT),
             allow_outside=arguments.allow_outside,
+            limits=WorldLimits(
+                _whole("--max-pieces", arguments.max_pieces, MAX_PIECES),
+                _whole("--max-world-memory", arguments.max_world_memory, MAX_MEMORY),
+            ),
         ),
         sidecar=arguments.sidecar,
         fresh=arguments.fresh,
@@ -129,6 +143,12 @@ def _number(
     if not low <= value <= high:
         raise SettingsError(at(option, f"{text!r} is no {what}", cure))
     return value
+
+
+def _whole(option: str, text: str | None, default: int) -> int:
+    """The value of an option that is a whole number, or its default."""
+    value = _number(option, text, 1.0, float(MOST), *_COUNT)
+    return default if value is None else int(value)
 
 
 def _write(path: Path, text: str) -> None:

@@ -29,6 +29,7 @@ from usarsim_maps.terminal import ProgressBar, quiet
 from usarsim_server import __version__
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, Folders, is_folder, is_regular, publish_folder
+from usarsim_server.world_cost import LIMITS, WorldLimits
 from usarsim_server.worlds.loader import SHEET
 
 
@@ -110,7 +111,7 @@ def import_map(request: Request, progress: Callable[[str, float], None] = unwatc
         origin = _origin(source, options, reader.title)
         try:
             place.mkdir()
-            built = build(scene, place, findings, progress, origin)
+            built = build(scene, place, findings, progress, origin, options.limits)
             report = make_report(scene, built, findings, time.monotonic() - began)
             files = {*scene.source.files, source}
             if sidecar_path is not None:
@@ -195,7 +196,7 @@ def _report(record: dict[str, Any]) -> Report | None:
         return None
 
 
-def world_of_map(source: Path, allow_outside: bool) -> Path:
+def world_of_map(source: Path, allow_outside: bool, limits: WorldLimits = LIMITS) -> Path:
     """The folder of a world that is made of a map, or was made of it before; shows a bar meanwhile.
 
     The server calls it, by the entry point group `usarsim_server.maps`, for `--world MAP`.
@@ -204,5 +205,5 @@ def world_of_map(source: Path, allow_outside: bool) -> Path:
         MapImportError: see `import_map`.
     """
     with ProgressBar() as bar:
-        options = ImportOptions(allow_outside=allow_outside)
+        options = ImportOptions(allow_outside=allow_outside, limits=limits)
         return import_map(Request(source, options=options, hold=True), bar).folder

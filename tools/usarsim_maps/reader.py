@@ -25,6 +25,7 @@ from usarsim_maps.support import SupportTable
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, Folders
 from usarsim_server.plugins import PluginTypes
+from usarsim_server.world_cost import LIMITS, WorldLimits
 
 _MESHES = 'pip install "usarsim-server[meshes]"'
 PACKAGES = {
@@ -55,6 +56,7 @@ class ImportOptions:
     allow_outside: bool = False
     """What the map names is read wherever it lies, not only in its own folder and those of
     `assets`."""
+    limits: WorldLimits = LIMITS  # of what becomes of the map
 
 
 def unwatched(step: str, part: float) -> None:

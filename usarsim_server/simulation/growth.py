@@ -191,7 +191,7 @@ _ARENA_MAX, _MMAP_THRESHOLD = -8, -3
 STATES = 4
 """Copies of model and state in use: the physics, two that judge places, the cameras."""
 COMPILING = 6
-"""Sizes of a model that are needed beside it while it is compiled; of what is compiled once: none."""
+"""Sizes of a model that are needed beside it while it is compiled; none of what was before."""
 RESERVE = 96 << 20
 """Bytes that must be left: shapes for rays, and what every connection and thread takes."""
 

@@ -80,7 +80,10 @@ class RawModel:
         rows = {name: rows_of(model, name) for name in arrays}
         block = _pointers(model, rows)
         words = _words(model._address, block + 2 + len(arrays))
-        if words[: len(names)].view(np.int64).tolist() != sizes or int(words[-1]) != model.signature:
+        if (
+            words[: len(names)].view(np.int64).tolist() != sizes
+            or int(words[-1]) != model.signature
+        ):
             raise ValueError("sizes of a model do not lie as expected")
         pieces = {name: [one] for name, one in rows.items()}
         return cls(dict(zip(names, sizes, strict=True)), pieces, words.copy(), block)

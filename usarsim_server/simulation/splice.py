@@ -50,6 +50,11 @@ _LARGEST = ("npolygonmax", "nmeshdegmax")
 """Sizes that are the largest of any mesh."""
 ARENA = 192
 """Bytes of working memory for each fixed geom: MuJoCo gives models 150 to 175."""
+_OTHERS = (
+    *("njnt", "nsite", "ncam", "nlight", "nflex", "nskin", "nhfield", "ntex", "nmat", "npair"),
+    *("nexclude", "neq", "ntendon", "nactuator", "nsensor", "nplugin", "nuser_geom"),
+)
+"""Sizes of what a fixed part does not have."""
 _BOXES = ("bvh_depth", "bvh_child", "bvh_nodeid", "bvh_aabb")
 
 
@@ -185,9 +190,7 @@ class FixedPart:
         geoms = numbers[:bodies]
         geoms[geoms >= own] += self.count
         rest[_BOXES.index("bvh_nodeid")] = numbers
-        for name, *pieces in zip(
-            _BOXES, *above, fixed.columns(), rest, self._inner, strict=True
-        ):
+        for name, *pieces in zip(_BOXES, *above, fixed.columns(), rest, self._inner, strict=True):
             rows[name] = pieces
         grown = len(fixed.leaves) + (1 if old else 0)
         meshes = file.whole("mesh_bvhadr")
@@ -213,14 +216,12 @@ def _later(numbers: Rows, by: int) -> Rows:
 
 
 def _check_fixed(file: RawModel) -> None:
-    """Refuse everything but geoms of the world, without end to neither side, and their meshes.
+    """Refuse everything but geoms of the world that have an end, and their meshes.
 
     Raises:
         ValueError: there is something else.
     """
-    others = ("njnt", "nsite", "ncam", "nlight", "nflex", "nskin", "nhfield", "ntex", "nmat")
-    others += ("npair", "nexclude", "neq", "ntendon", "nactuator", "nsensor", "nplugin", "nuser_geom")
-    if file.sizes["nbody"] != 1 or not file.sizes["ngeom"] or any(file.sizes[n] for n in others):
+    if file.sizes["nbody"] != 1 or not file.sizes["ngeom"] or any(file.sizes[n] for n in _OTHERS):
         raise ValueError("there is something else than fixed geoms and meshes")
     if (file.whole("geom_type") == mujoco.mjtGeom.mjGEOM_PLANE).any():
         raise ValueError("there is an endless plane")
@@ -314,7 +315,8 @@ def _divided(boxes: Array, leaves: Numbers) -> _Tree:
         around[nodes] = np.hstack([(least + most) / 2.0, (most - least) / 2.0])
         depths[nodes] = depth
         done = sizes == 1
-        found[nodes[done]] = leaves[order[begins[done]]]
+        single = order[begins[done]]
+        found[nodes[done]], around[nodes[done]] = leaves[single], boxes[single]
         axes = np.repeat((most - least).argmax(axis=1), sizes)
         owner = np.repeat(np.arange(len(nodes)), sizes)
         keys = boxes[order[rows], axes]

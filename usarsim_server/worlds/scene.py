@@ -21,11 +21,13 @@ from numpy.typing import NDArray
 from usarsim_server import errors
 from usarsim_server.errors import UsarsimError, WorldError
 from usarsim_server.files import Folders, data_directory, read_regular, write_bytes
+from usarsim_server.logs import Log
 from usarsim_server.model_check import check_model
 from usarsim_server.simulation.frames import Array
 from usarsim_server.simulation.ground import Surface
 from usarsim_server.simulation.motion_laws import add_bounds
 from usarsim_server.simulation.splice import FixedPart
+from usarsim_server.world_cost import LARGE, LIMITS, WorldLimits, check_cost, cost_of
 from usarsim_server.worlds.description import SmokeVolume, WorldDescription
 from usarsim_server.worlds.loader import find_world, load_world
 from usarsim_server.worlds.machinery.bodies import add_machinery
@@ -46,6 +48,8 @@ PAINT_DEPTH = 0.01
 """m: thickness of a patch that is drawn on the floor."""
 PAINT_HEIGHT = 0.0005
 """m by which it stands out, so that it covers the floor."""
+
+_log = Log("worlds")
 
 _LINE = re.compile(r"\bline (?:number=)?(\d+)", re.IGNORECASE)
 
@@ -78,7 +82,7 @@ def build_scene(
 
 
 def build_in_parts(
-    world: WorldDescription, *, allow_outside: bool = False
+    world: WorldDescription, *, allow_outside: bool = False, limits: WorldLimits = LIMITS
 ) -> tuple[mujoco.MjSpec, FixedPart | None]:
     """The same as `build_scene` for a server, which compiles it again and again.
 
@@ -87,10 +91,14 @@ def build_in_parts(
         in it.
 
     Raises:
-        WorldError: see `build_scene`.
+        WorldError: see `build_scene`; or it is beyond its limits.
     """
     _look_through(world, allow_outside)
     try:
+        cost = cost_of(world.scene)
+        check_cost(cost, limits, world.scene, "", WorldError)
+        told = _log.warning if cost.pieces >= LARGE else _log.debug
+        told("what the world costs", world=world.name, cost=cost.text())
         parts = read_apart(world.scene)
     except (ValueError, OSError) as error:
         raise scene_error(world, error) from error

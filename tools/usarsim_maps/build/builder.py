@@ -41,6 +41,7 @@ from usarsim_maps.build.sheet import Entry, NameBook, smoke_tables, write_sheet
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Array, Scene
 from usarsim_server.errors import MapImportError, at
+from usarsim_server.world_cost import LARGE, LIMITS, WorldLimits, check_cost
 from usarsim_server.worlds.description import NamedObject
 
 ROOM_BELOW, ROOM_ABOVE, ROOM_AROUND = 10.0, 100.0, 20.0
@@ -71,6 +72,7 @@ def build(
     findings: Findings,
     progress: Callable[[str, float], None] = lambda step, part: None,
     origin: Entry | None = None,
+    most: WorldLimits = LIMITS,
 ) -> Built:
     """Write a world folder.
 
@@ -80,9 +82,11 @@ def build(
         findings: takes facts and warnings.
         progress: told what is being done and the part of it that is done.
         origin: goes into `[extra.import]`: source, options, version.
+        most: bounds of the world.
 
     Raises:
-        MapImportError: the map is empty, or of a size that cannot be true, or cannot be compiled.
+        MapImportError: the map is empty, of a size that cannot be true, or beyond its bounds, or it
+            cannot be compiled.
     """
     scene = without_sky(scene, findings)
     measured = measure(scene)
@@ -140,6 +144,13 @@ def build(
         )
     brushes = [NamedObject(brush.name, brush.name, brush.tag, "Brush") for brush in scene.brushes]
     progress("scene", 0.0)
+    cost = emitter.cost()
+    check_cost(cost, most, scene.source.path, emitter.largest(), MapImportError)
+    findings.fact("to serve", cost.text())
+    if cost.pieces >= LARGE:
+        findings.warn(
+            "pieces", f"{emitter.largest()}; a sidecar can leave them out or coarsen them"
+        )
     emitter.write(folder.name, lamps(lights), max(extent, 1.0), (lower + upper) / 2.0)
     probe = Probe(folder / "scene.xml", scene.source.path)
     progress("scene", 0.7)

@@ -7,7 +7,9 @@ goes through all that is there, so files are few.
 
 from __future__ import annotations
 
+import re
 import struct
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,6 +31,7 @@ from usarsim_maps.build.pieces import (
 from usarsim_maps.build.sheet import safe
 from usarsim_maps.scene import Array
 from usarsim_server.simulation.frames import IDENTITY, Pose
+from usarsim_server.world_cost import WorldCost
 
 CHUNK = 4000
 """Solid geoms per file. 20,001 of them, and as many that are seen, are read in 1.6 s; in files of
@@ -43,8 +46,17 @@ FELT = {"group": 3, "rgba": "0.5 0.6 0.7 1"}
 BASE = 1.0
 """m of solid ground below the lowest point of a height field."""
 
+SOLID = ".solid"
+"""What follows the name of a thing in the names of its pieces."""
+
+TOLD = 5
+"""Things named that have most of the pieces."""
+
 NEAR = 0.02
 """m before a camera where nothing is drawn."""
+
+
+_NUMBER = re.compile(r"[-_.\s]*\d+$")
 
 
 def attributes(values: Mapping[str, object]) -> str:
@@ -91,6 +103,7 @@ class Emitter:
     _meshes: dict[int, list[tuple[str, Array, str]]] = field(default_factory=dict)
     _keep: list[object] = field(default_factory=list)
     _fields: dict[int, str] = field(default_factory=dict)
+    _owners: Counter[str] = field(default_factory=Counter)
     _files: int = 0
     _hulls: int = 0
 
@@ -153,6 +166,7 @@ class Emitter:
     def add_solid(self, piece: Piece, pose: Pose, friction: float, name: str | None) -> None:
         """A fixed piece; `pose` is that of its frame in the world."""
         values = {"name": name, "friction": friction, **FELT}
+        self._owners[(name or "").rsplit(SOLID, 1)[0]] += 1
         if isinstance(piece, FieldPiece):
             self.add_world([self._field_geom(piece, pose, values)])
         else:
@@ -192,6 +206,31 @@ class Emitter:
             self._assets.append(_hull_asset(name, piece))
             return f"<geom{attributes({'type': 'mesh', 'mesh': name, **values})}/>"
         return _box_geom(piece, IDENTITY, values)
+
+    def cost(self) -> WorldCost:
+        """What will be written."""
+        hulls = {id(piece): piece for piece, _, _ in self._solids if isinstance(piece, HullPiece)}
+        geoms = len(self._solids) + sum(line.count("<geom") for line in self._world)
+        points = sum(len(hull.points) for hull in hulls.values())
+        files = (self.folder / "meshes").glob("*")
+        return WorldCost(geoms, len(hulls), points, sum(file.stat().st_size for file in files))
+
+    def largest(self) -> str:
+        """What has most of the solid pieces, for people; things of one name and other numbers are
+        one."""
+        pieces: Counter[str] = Counter()
+        things: Counter[str] = Counter()
+        for owner, count in self._owners.items():
+            stem = _NUMBER.sub("", owner) or owner
+            pieces[stem] += count
+            things[stem] += 1
+        told = (
+            f"{stem}* ({count:,} in {things[stem]:,} things)"
+            if things[stem] > 1
+            else f"{stem} ({count:,})"
+            for stem, count in pieces.most_common(TOLD)
+        )
+        return "most pieces: " + ", ".join(told)
 
     # ---- writing ---------------------------------------------------------------------------
 
@@ -241,8 +280,14 @@ class Emitter:
             yield f"<material{attributes(values)}/>"
 
     def _write_solids(self) -> list[str]:
-        """Files of at most `CHUNK` pieces; a hull that several pieces share is written once."""
+        """Files of at most `CHUNK` pieces; a hull that several pieces of a file share is written
+        once. Where there are several files, pieces that share one follow on one another."""
         names = []
+        if len(self._solids) > CHUNK:
+            first: dict[int, int] = {}
+            for number, (piece, _, _) in enumerate(self._solids):
+                first.setdefault(id(piece), number)
+            self._solids.sort(key=lambda solid: first[id(solid[0])])
         for start in range(0, len(self._solids), CHUNK):
             name = f"s{start // CHUNK:04d}"
             assets: list[str] = []
