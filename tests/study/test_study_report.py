@@ -183,7 +183,9 @@ class TestDesigns:
     def test_hardly_anybody(self, tmp_path: Path, plan: Plan) -> None:
         """Nobody, one participant, or no complete pair: said, not guessed."""
         text = report.Sections(analyse(collect(make_study(tmp_path, plan)))).markdown()
-        assert f"{4 - plan.excluded} participants count" in text
+        count = 4 - plan.excluded
+        told = "1 participant counts" if count == 1 else f"{count} participants count"
+        assert told in text
         assert "nan" not in text
 
 

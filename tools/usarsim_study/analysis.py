@@ -13,9 +13,10 @@ differences tell of the period, sums of what is carried over.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from statistics import fmean
+from statistics import fmean, median
 
 from scipy import stats
 
@@ -27,6 +28,7 @@ from usarsim_study.statistics import (
     Several,
     Summary,
     Unpaired,
+    differences,
     holm,
     paired,
     rank_sum,
@@ -64,13 +66,39 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Second less first condition. holm: p corrected within the measure, or over measures."""
+    """Second less first condition.
+
+    Attributes:
+        p: of the test that decides. holm: corrected within the measure, or over measures.
+        turning: where the mean points the other way than that test: the value without which it
+            would not; None if there is no such value.
+    """
 
     first: str
     second: str
     result: Paired | Unpaired
     p: float
     holm: float | None = None
+    turning: Turning | None = None
+
+    @property
+    def contrary(self) -> bool:
+        """Whether the mean points the other way than the ranks."""
+        return self.result.mean * self.result.direction < 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Turning:
+    """The value that turns the mean of a difference round.
+
+    Attributes:
+        participant: whose it is. value: the difference of the pair, or the value of one condition.
+        mean: of the difference, without it.
+    """
+
+    participant: str
+    value: float
+    mean: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,13 +123,22 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class OrderEffect:
-    """Whether the position of a trial mattered. period_p, carry_p: None: cannot be computed."""
+    """Whether the position of a trial mattered.
+
+    Attributes:
+        test: which one; empty: none could be made.
+        period_p, carry_p: None: cannot be computed.
+        orders: participants who have all values, by the conditions in the order that they met.
+        balanced: whether each condition stands in each position equally often among them.
+    """
 
     measure: Measure
     test: str
     positions: tuple[Summary | None, ...]
     period_p: float | None
     carry_p: float | None
+    orders: tuple[tuple[tuple[str, ...], int], ...]
+    balanced: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,7 +273,11 @@ def _tested(outcome: Outcome, within: bool) -> Outcome:
             result = unpaired(one.known, other.known)
         if result is not None:
             p = result.wilcoxon_p if isinstance(result, Paired) else result.mann_whitney_p
-            comparisons.append(Comparison(one.condition, other.condition, result, p))
+            found = Comparison(one.condition, other.condition, result, p)
+            if found.contrary:
+                find = _turning_pair if within else _turning_value
+                found = replace(found, turning=find(one, other, result.direction))
+            comparisons.append(found)
     overall = None
     if len(outcome.cells) > 2:
         overall = _several(outcome.cells, within)
@@ -246,6 +287,41 @@ def _tested(outcome: Outcome, within: bool) -> Outcome:
     else:
         p_value = comparisons[0].p if comparisons else None
     return replace(outcome, comparisons=tuple(comparisons), overall=overall, p=p_value)
+
+
+def _turning_pair(first: Cell, second: Cell, direction: int) -> Turning | None:
+    """Of the pairs without which the mean points in a direction, the one that differs most."""
+    found = {
+        code: across - value
+        for code, value in first.values.items()
+        if value is not None and (across := second.values.get(code)) is not None
+    }
+    means = {
+        code: fmean(other for name, other in found.items() if name != code)
+        for code in found
+        if len(found) > 1
+    }
+    turning = [Turning(code, found[code], mean) for code, mean in means.items()]
+    return _most_different(turning, direction, 0.0)
+
+
+def _turning_value(first: Cell, second: Cell, direction: int) -> Turning | None:
+    """The same of single values: the one that lies furthest from the median of all."""
+    turning = []
+    for cell in (first, second):
+        for code, value in cell.values.items():
+            if value is not None and len(cell.known) > 1:
+                rest = [one for name, one in cell.values.items() if name != code]
+                mean, other = _mean(rest), _mean([*(second if cell is first else first).known])
+                if mean is not None and other is not None:
+                    difference = other - mean if cell is first else mean - other
+                    turning.append(Turning(code, value, difference))
+    return _most_different(turning, direction, median([*first.known, *second.known]))
+
+
+def _most_different(found: Sequence[Turning], direction: int, middle: float) -> Turning | None:
+    turning = [one for one in found if one.mean * direction > 0.0]
+    return max(turning, key=lambda one: abs(one.value - middle), default=None)
 
 
 def _several(cells: tuple[Cell, ...], within: bool) -> Several | None:
@@ -272,32 +348,48 @@ def _order_effect(
     for one in trials:
         by_code.setdefault(one.participant, {})[one.trial] = one
     count = max((one.trial for one in trials), default=0)
-    rows: list[tuple[str, list[float]]] = []
+    rows: list[tuple[tuple[str, ...], list[float]]] = []
     for mine in by_code.values():
         values = [mine[at].values.get(measure.name) for at in sorted(mine)]
         known = [one for one in values if one is not None]
         if len(known) == count:
-            rows.append((mine[1].condition, known))
+            rows.append((tuple(mine[at].condition for at in sorted(mine)), known))
     if count < 2 or len(rows) < 2:
         return None
-    positions = tuple(summary([values[at] for _, values in rows]) for at in range(count))
+    orders = Counter(order for order, _ in rows)
+    places = Counter((at, name) for order in orders.elements() for at, name in enumerate(order))
+    names = [name for name, _ in conditions]
+    often = {places[at, name] for at in range(count) for name in names}
+    effect = OrderEffect(
+        measure,
+        "",
+        tuple(summary([values[at] for _, values in rows]) for at in range(count)),
+        None,
+        None,
+        tuple(sorted(orders.items(), key=lambda one: [names.index(name) for name in one[0]])),
+        len(often) == 1,
+    )
     if count > 2:
         found = several_paired([values for _, values in rows])
-        p = None if found is None else found.p
-        return OrderEffect(measure, "Friedman's test over positions", positions, p, None)
-    first = conditions[0][0]
-    groups = [[values for begun, values in rows if (begun == first) is it] for it in (True, False)]
+        if found is None:
+            return effect
+        return replace(effect, test="Friedman's test over positions", period_p=found.p)
+    groups = [
+        [values for order, values in rows if (order[0] == names[0]) is it] for it in (True, False)
+    ]
     if not all(groups):
-        return OrderEffect(measure, "cannot be computed", positions, None, None)
+        return effect
     # Second less first condition: what comes second is the second condition in one group only.
-    differences = [b - a for a, b in groups[0]], [a - b for a, b in groups[1]]
-    sums = [a + b for a, b in groups[0]], [a + b for a, b in groups[1]]
-    return OrderEffect(
-        measure,
-        "Mann and Whitney's test between orders",
-        positions,
-        rank_sum(*differences)[1],
-        rank_sum(*sums)[1],
+    first = [*(a for a, _ in groups[0]), *(b for _, b in groups[1])]
+    second = [*(b for _, b in groups[0]), *(a for a, _ in groups[1])]
+    apart = differences(first, second)
+    together = differences([-one for one in first], second)
+    at = len(groups[0])
+    return replace(
+        effect,
+        test="Mann and Whitney's test between orders",
+        period_p=rank_sum(apart[:at], apart[at:])[1],
+        carry_p=rank_sum(together[:at], together[at:])[1],
     )
 
 

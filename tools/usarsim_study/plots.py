@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from usarsim_study.analysis import Analysis, Cell, OrderEffect, Outcome
-from usarsim_study.statistics import Interval, Paired
+from usarsim_study.statistics import Interval, Paired, differences
 from usarsim_study.svg import COLOURS, HAIR, INK, MARKERS, MUTED, TIE, picture
 
 
@@ -207,11 +207,12 @@ def _mean(axes: Axes, x: float, cell: Cell, labelled: bool) -> None:
 def _differences(axes: Axes, outcome: Outcome) -> None:
     """Each participant's difference, sorted, with mean and interval below."""
     first, second = outcome.cells
-    found = sorted(
-        after - before
+    pairs = [
+        (before, after)
         for code, before in first.values.items()
         if before is not None and (after := second.values.get(code)) is not None
-    )
+    ]
+    found = sorted(differences(*zip(*pairs, strict=True)).tolist()) if pairs else []
     axes.axvline(0.0, color=MUTED, linewidth=0.8)
     for place, value in enumerate(found):
         if value == 0.0:

@@ -14,8 +14,18 @@ from usarsim_study import plots, tables
 from usarsim_study.analysis import Analysis, Comparison, OrderEffect, Outcome, analyse
 from usarsim_study.dataset import Dataset
 from usarsim_study.page import Page
-from usarsim_study.statistics import Paired, Summary
-from usarsim_study.wording import NONE, interval, number, p_told, p_value, span
+from usarsim_study.statistics import Paired, Summary, rejects
+from usarsim_study.wording import (
+    NONE,
+    comparative,
+    counted,
+    interval,
+    number,
+    p_told,
+    p_value,
+    span,
+    unit_told,
+)
 
 
 def write(dataset: Dataset, folder: Path) -> list[Path]:
@@ -58,64 +68,153 @@ def _glance(page: Page, analysis: Analysis) -> None:
     if outcome.p is None:
         page.paragraph(f"{title}: there are too few values to compare.", "lead")
         return
-    found = outcome.p < analysis.alpha
+    found = rejects(outcome.p, analysis.alpha)
     titles = [cell.title for cell in outcome.cells]
     names = f"{', '.join(titles[:-1])} and {titles[-1]}"
-    if len(outcome.cells) == 2:
-        first, second = outcome.cells
-        result = outcome.comparisons[0].result
-        more = "more" if result.mean > 0 else "less"
-        verdict = (
-            f"{title}: {number(abs(result.mean))} {_of_unit(outcome)}{more} with {second.title} "
-            f"than with {first.title}."
-            if found
-            else f"{title}: no difference was found between {names}."
-        )
-    else:
-        verdict = (
-            f"{title}: {names} differ."
-            if found
-            else f"{title}: no difference was found between {names}."
-        )
-    page.paragraph(verdict, "lead")
     if not found:
-        page.paragraph(
-            "That is no proof that there is none: the interval of the difference says how large it "
-            "may still be."
-        )
+        page.paragraph(f"{title}: no difference was found between {names}.", "lead")
+    elif len(outcome.cells) == 2:
+        page.paragraph(f"{title}: {_direction(outcome, outcome.comparisons[0])}.", "lead")
+    else:
+        page.paragraph(f"{title}: {names} differ.", "lead")
+    for text in _cautions(outcome, analysis.alpha, found):
+        page.paragraph(text)
     for one in outcome.comparisons:
-        page.paragraph(_sentence(outcome, one))
+        page.paragraph(_sentence(outcome, one, analysis.alpha))
 
 
-def _sentence(outcome: Outcome, one: Comparison) -> str:
-    titles = {cell.condition: cell.title for cell in outcome.cells}
-    result = one.result
+def _direction(outcome: Outcome, one: Comparison) -> str:
+    """Which condition has more by the test that decides, and how much if the mean agrees."""
+    first, second = (_cell_title(outcome, name) for name in (one.first, one.second))
+    result, unit = one.result, outcome.measure.unit
+    text = f"{comparative(result.direction, unit)} with {second} than with {first}"
+    if result.mean * result.direction > 0.0:
+        return f"{number(abs(result.mean))}{unit_told(unit)} {text}"
+    if not isinstance(result, Paired):
+        share = 0.5 * (1.0 + abs(result.delta))
+        return f"{text} ({100.0 * share:.0f} % of all pairs of one participant of each)"
+    agree = result.positive if result.direction > 0 else result.negative
+    if 2 * agree <= result.changed:
+        return f"{text}, by the ranks of the differences"
+    return f"{text} ({agree} of {counted(result.n, 'pair', 'pairs')})"
+
+
+def _cautions(outcome: Outcome, alpha: float, found: bool) -> list[str]:
+    """What has to be said where figures of one outcome seem to contradict each other."""
+    told = []
+    ends = [one.result.interval for one in outcome.comparisons]
+    two = len(outcome.cells) == 2
+    if not found:
+        text = "That is no proof that there is none"
+        if any(one is not None for one in ends):
+            text += (
+                ": the interval of the difference says how large it may still be"
+                if two
+                else ": the intervals of the differences say how large they may still be"
+            )
+        told.append(f"{text}.")
+        least = outcome.comparisons[0].result.least_p
+        if two and not rejects(least, alpha):
+            told.append(
+                "So few values that differ could not have shown any: their smallest p is "
+                f"{p_value(least, alpha)}."
+            )
+        if two and ends[0] is not None and not ends[0].holds(0.0):
+            told.append(
+                "The interval of the mean difference does not include 0. The test that decides "
+                "goes by ranks, and it does not reject."
+            )
+        if not two and any(rejects(_judged(one), alpha) for one in outcome.comparisons):
+            told.append("Single pairs below are not judged, since the test of all finds nothing.")
+        return told
+    if two:
+        one = outcome.comparisons[0]
+        told += _contrary(outcome, one)
+        if not told and one.result.mean == 0.0:
+            told.append("The mean difference is 0: the ranks of the values differ, their mean not.")
+        elif not told and ends[0] is not None and ends[0].holds(0.0):
+            told.append(
+                "The interval of the mean difference includes 0. The test that decides goes by "
+                "ranks, and it rejects."
+            )
+        return told
+    if not any(rejects(_judged(one), alpha) for one in outcome.comparisons):
+        told.append("Which of them differ cannot be told: no single pair does after correction.")
+    for one in outcome.comparisons:
+        if rejects(_judged(one), alpha):
+            told += _contrary(outcome, one)
+    return told
+
+
+def _judged(one: Comparison) -> float:
+    return one.p if one.holm is None else one.holm
+
+
+def _contrary(outcome: Outcome, one: Comparison) -> list[str]:
+    """That the mean points the other way than the test that decides, and what turns it."""
+    if not one.contrary:
+        return []
+    unit, second = outcome.measure.unit, _cell_title(outcome, one.second)
+    first, result = _cell_title(outcome, one.first), one.result
+
+    def told(mean: float) -> str:
+        size = f"{number(abs(mean))}{unit_told(unit)}"
+        return f"{size} {comparative(mean, unit)} with {second}"
+
     text = (
-        f"{titles[one.second]} minus {titles[one.first]}: mean difference {number(result.mean)} "
-        f"{_of_unit(outcome)}(95 % interval {interval(result.interval)}), "
+        f"{outcome.measure.title}: the mean points the other way than the ranks do, "
+        f"{told(result.mean)} than with {first}."
+    )
+    turning = one.turning
+    if turning is None:
+        return [f"{text} It is not one value alone that turns it."]
+    value = f"{number(turning.value)}{unit_told(unit)}"
+    which = (
+        f"The pair of participant {turning.participant} (difference {value}) turns it"
+        if isinstance(result, Paired)
+        else f"The value of participant {turning.participant} ({value}) turns it"
+    )
+    return [f"{text} {which}: without it the mean is {told(turning.mean)}."]
+
+
+def _cell_title(outcome: Outcome, condition: str) -> str:
+    return next(cell.title for cell in outcome.cells if cell.condition == condition)
+
+
+def _sentence(outcome: Outcome, one: Comparison, alpha: float) -> str:
+    result = one.result
+    first, second = (_cell_title(outcome, name) for name in (one.first, one.second))
+    known = (
+        "no interval" if result.interval is None else f"95 % interval {interval(result.interval)}"
+    )
+    text = (
+        f"{second} minus {first}: mean difference {number(result.mean)}"
+        f"{unit_told(outcome.measure.unit)} ({known}), "
     )
     exact = ", exact" if result.exact else ""
     if isinstance(result, Paired):
-        test = f"Wilcoxon {p_told(one.p)}{exact}, n = {result.n}"
-        text += f"{test}, matched rank-biserial {number(result.rank_biserial)}"
+        n = f"n = {result.changed}"
+        if equal := result.n - result.changed:
+            n += f" ({counted(equal, 'more pair is', 'more pairs are')} equal)"
+        text += f"Wilcoxon {p_told(one.p, alpha)}{exact}, {n}, W = {result.w:g}, "
+        text += f"matched rank-biserial {number(result.rank_biserial)}, "
+        text += f"sign test {p_told(result.sign_p, alpha)}"
     else:
-        n = f"n = {result.n[0]} and {result.n[1]}"
-        text += f"Mann-Whitney {p_told(one.p)}{exact}, {n}, Cliff's delta {number(result.delta)}"
-    return text + (f", Holm {p_told(one.holm)}." if one.holm is not None else ".")
-
-
-def _of_unit(outcome: Outcome) -> str:
-    return "" if outcome.measure.unit == "1" else f"{outcome.measure.unit} "
+        text += f"Mann-Whitney {p_told(one.p, alpha)}{exact}, n = {result.n[0]} and {result.n[1]}, "
+        text += f"U = {result.u:g}, Cliff's delta {number(result.delta)}"
+    return text + (f", Holm {p_told(one.holm, alpha)}." if one.holm is not None else ".")
 
 
 def _people(page: Page, analysis: Analysis) -> None:
     page.heading("Participants")
-    design = "each met all conditions" if analysis.design == "within" else "each met one condition"
+    met = "all conditions" if analysis.design == "within" else "one condition"
     trials = len(analysis.trials)
+    count = counted(len(analysis.counted), "participant counts", "participants count")
+    repeated = counted(len(analysis.repeated), "trial was", "trials were")
     page.paragraph(
-        f"{len(analysis.counted)} participants count of {analysis.planned} planned; {design}. "
-        f"{trials - len(analysis.lost)} of their {trials} trials are complete, "
-        f"{len(analysis.repeated) or 'none'} of them repeated."
+        f"{count} of {analysis.planned} planned; each was to meet {met}. "
+        f"{trials - len(analysis.lost)} of {counted(trials, 'trial is', 'trials are')} complete; "
+        f"{repeated if analysis.repeated else 'no trial was'} repeated."
     )
     if analysis.excluded:
         reasons = {"running": "the session did not end", "withdrawn": "withdrawn"}
@@ -164,7 +263,7 @@ def _title(analysis: Analysis, condition: str) -> str:
 
 def _primary(page: Page, analysis: Analysis) -> None:
     outcome = analysis.outcomes[0]
-    page.heading(f"Primary outcome: {outcome.measure.title.lower()}")
+    page.heading(f"Primary outcome: {outcome.measure.title}")
     page.paragraph(outcome.measure.definition, "note")
     within = analysis.design == "within"
     joined = "; lines join the trials of one participant" if within else ""
@@ -179,9 +278,9 @@ def _primary(page: Page, analysis: Analysis) -> None:
         one = outcome.overall
         page.paragraph(
             f"{one.test}: {number(one.statistic)} with {one.freedom} degrees of freedom, "
-            f"{p_told(one.p)}, effect {number(one.effect)}."
+            f"{p_told(one.p, analysis.alpha)}, effect {number(one.effect)}."
         )
-    heads, rows = _test_table([outcome])
+    heads, rows = _test_table([outcome], analysis.alpha)
     page.table(heads, rows, "numbers")
 
 
@@ -199,26 +298,27 @@ def _summary_row(title: str, one: Summary | None) -> list[str]:
     ]
 
 
-def _test_table(outcomes: Sequence[Outcome]) -> tuple[list[str], list[list[str]]]:
+def _test_table(outcomes: Sequence[Outcome], alpha: float) -> tuple[list[str], list[list[str]]]:
     """All tests of all comparisons."""
     rows = []
     within = True
     for outcome in outcomes:
-        titles = {cell.condition: cell.title for cell in outcome.cells}
         for one in outcome.comparisons:
             result = one.result
             name = outcome.measure.title
             if len(outcome.cells) > 2:
-                name += f": {titles[one.second]} minus {titles[one.first]}"
-            row = [name, number(result.mean), interval(result.interval), p_value(one.p)]
-            row.append(p_value(one.holm))
+                first, second = (_cell_title(outcome, at) for at in (one.first, one.second))
+                name += f": {second} minus {first}"
+            row = [name, number(result.mean), interval(result.interval)]
             if isinstance(result, Paired):
-                row += [number(result.rank_biserial), number(result.dz)]
-                row += [p_value(result.t_p), p_value(result.sign_p), p_value(result.permutation_p)]
+                effects = [number(result.rank_biserial), number(result.dz)]
+                tests = [result.t_p, result.sign_p, result.permutation_p]
             else:
                 within = False
-                row += [number(result.delta), number(result.d)]
-                row += [p_value(result.t_p), p_value(result.permutation_p)]
+                effects = [number(result.delta), number(result.d)]
+                tests = [result.t_p, result.permutation_p]
+            row += [p_value(one.p, alpha), p_value(one.holm, alpha), *effects]
+            row += [p_value(p, alpha) for p in tests]
             rows.append(row)
     heads = ["Difference", "Mean", "95 % interval"]
     if within:
@@ -252,8 +352,8 @@ def _secondary(page: Page, analysis: Analysis) -> None:
                 [
                     one.measure.title,
                     one.overall.test,
-                    p_value(one.p),
-                    p_value(one.holm),
+                    p_value(one.p, analysis.alpha),
+                    p_value(one.holm, analysis.alpha),
                     number(one.overall.effect),
                 ]
                 for one in outcomes
@@ -261,8 +361,13 @@ def _secondary(page: Page, analysis: Analysis) -> None:
             ],
             "numbers",
         )
-    heads, tests = _test_table(outcomes)
+    heads, tests = _test_table(outcomes, analysis.alpha)
     page.table(heads, tests, "numbers")
+    for outcome in outcomes:
+        for one in outcome.comparisons:
+            if rejects(_judged(one), analysis.alpha):
+                for text in _contrary(outcome, one):
+                    page.paragraph(text, "note")
 
 
 def _orders(page: Page, analysis: Analysis) -> None:
@@ -274,18 +379,35 @@ def _orders(page: Page, analysis: Analysis) -> None:
     two = len(effect.positions) == 2
     heads = ["Outcome", *(f"Mean of trial {at + 1}" for at in range(len(effect.positions)))]
     heads += ["Period p", "Carried over p"] if two else ["Position p"]
-    page.table(heads, [_order_row(one, two) for one in analysis.orders], "numbers")
-    page.paragraph(
-        f"Test: {effect.test}. A period effect, such as learning, does not bias the comparison of "
-        "conditions, since orders are balanced; what is carried over may.",
-        "note",
+    rows = [_order_row(one, two, analysis.alpha) for one in analysis.orders]
+    page.table(heads, rows, "numbers")
+    tests = list(dict.fromkeys(one.test for one in analysis.orders if one.test))
+    test = f"Test: {tests[0]}." if tests else "There are too few values for a test."
+    page.paragraph(f"{test} {_balance(analysis, effect)}", "note")
+
+
+def _balance(analysis: Analysis, effect: OrderEffect) -> str:
+    """Whether a period effect can bias the comparison, by the orders of those who count."""
+    carried = "What is carried over may."
+    if effect.balanced:
+        return (
+            "A period effect, such as learning, does not bias the comparison of conditions, since "
+            f"those who count met them in balanced orders. {carried}"
+        )
+    told = ", ".join(
+        f"{count} {' then '.join(_title(analysis, name) for name in order)}"
+        for order, count in effect.orders
+    )
+    return (
+        f"Orders are not balanced among those who count ({told}), so a period effect, such as "
+        "learning, may bias the comparison of conditions, and so may what is carried over."
     )
 
 
-def _order_row(one: OrderEffect, two: bool) -> list[str]:
+def _order_row(one: OrderEffect, two: bool, alpha: float) -> list[str]:
     means = [NONE if at is None else number(at.mean) for at in one.positions]
-    row = [one.measure.title, *means, p_value(one.period_p)]
-    return [*row, p_value(one.carry_p)] if two else row
+    row = [one.measure.title, *means, p_value(one.period_p, alpha)]
+    return [*row, p_value(one.carry_p, alpha)] if two else row
 
 
 def _preferences(page: Page, analysis: Analysis) -> None:
@@ -296,10 +418,9 @@ def _preferences(page: Page, analysis: Analysis) -> None:
     for one in analysis.preferences:
         told = ", ".join(f"{title} {count}" for title, count in one.counts)
         test = "sign test" if len(one.counts) == 2 else "chi-squared test of equal shares"
-        strength = (
-            "" if one.strength is None else f" Median strength {number(one.strength.median)} of 5."
-        )
-        page.paragraph(f"{told}; {test} {p_told(one.p)}.{strength}")
+        strength = "" if one.strength is None else f" Median strength {one.strength.median:g} of 5."
+        tested = "" if one.p is None else f"; {test} {p_told(one.p, analysis.alpha)}"
+        page.paragraph(f"{told}{tested}.{strength}")
 
 
 def _described(page: Page, analysis: Analysis) -> None:
@@ -323,7 +444,10 @@ def _methods(page: Page, analysis: Analysis) -> None:
     page.heading("How this was computed")
     page.paragraph(
         f"Tests are two-sided, alpha = {analysis.alpha:g}. The primary outcome is not corrected; "
-        "secondary outcomes are, by Holm. Rank tests are exact for up to 50 values, ties included. "
+        "secondary outcomes are, by Holm. Rank tests of two conditions are exact for up to 50 "
+        "values, ties included; Friedman's and Kruskal and Wallis's go by the chi-squared "
+        "distribution. Two values, two differences, or a difference and zero, are equal if they "
+        "differ by less than 1e-9 of the larger value measured. "
         "Intervals are bias-corrected and accelerated bootstrap intervals of the mean (9,999 "
         "samples, fixed seed). Missing values are left out pair by pair, never replaced. "
         f"List of assignments: SHA-256 {analysis.allocation}."

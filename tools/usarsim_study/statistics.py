@@ -1,8 +1,13 @@
 """Tests, intervals and effect sizes for two or more conditions, paired and unpaired.
 
 Tests by ranks are exact for up to 50 values, ties included: the distribution of the rank sum is
-counted, not approximated. Everything drawn (bootstrap, permutations beyond what can be listed)
-depends on `SEED` and the data alone. What cannot be computed (too few values, no spread) is None.
+counted, not approximated. Friedman's and Kruskal and Wallis's tests use the chi-squared
+distribution. Everything drawn (bootstrap, permutations beyond what can be listed) depends on `SEED`
+and the data alone. What cannot be computed (too few values, no spread) is None.
+
+Measures are differences of clock times and means of few values, so equal ones differ in their last
+bits. Two values, two differences, or a difference and zero, are equal if they differ by less than
+`CLOSE` of the larger value measured; every test, mean and interval goes by that.
 
 Sources: W. J. Conover, Practical Nonparametric Statistics, 3rd ed. (1999), chapters 3 and 5;
 B. Efron, R. J. Tibshirani, An Introduction to the Bootstrap (1993), chapter 14 (BCa); D. S. Kerby,
@@ -30,6 +35,8 @@ PERMUTATIONS = 20_000
 EXACT = 50
 """Tests by ranks are exact for so many values."""
 CONFIDENCE = 0.95
+CLOSE = 1e-9
+"""Share of the larger value measured below which two numbers differ by rounding only."""
 
 Array = NDArray[np.float64]
 Numbers = Sequence[float]
@@ -41,6 +48,10 @@ class Interval:
 
     low: float
     high: float
+
+    def holds(self, value: float) -> bool:
+        """Whether a value lies in it, ends included."""
+        return self.low <= value <= self.high
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +72,7 @@ class Paired:
     """Second less first condition, of the same participants.
 
     Attributes:
-        n: pairs.
+        n: pairs; those that count in ranks and signs are `changed`.
         mean, median: of the differences.
         interval: BCa, of their mean.
         t, t_p: paired t test.
@@ -93,6 +104,21 @@ class Paired:
     dz: float | None
     sd: float | None
 
+    @property
+    def changed(self) -> int:
+        """Pairs whose two values differ."""
+        return self.positive + self.negative
+
+    @property
+    def direction(self) -> int:
+        """1 if ranks say that the second condition has more, -1 if less, 0 if neither."""
+        return _sign(self.rank_biserial or 0.0)
+
+    @property
+    def least_p(self) -> float:
+        """The smallest p that ranks of so many pairs without ties can have."""
+        return min(1.0, 2.0 / 2.0**self.changed)
+
 
 @dataclass(frozen=True, slots=True)
 class Unpaired:
@@ -123,6 +149,16 @@ class Unpaired:
     d: float | None
     sd: float | None
 
+    @property
+    def direction(self) -> int:
+        """1 if ranks say that the second condition has more, -1 if less, 0 if neither."""
+        return _sign(self.delta)
+
+    @property
+    def least_p(self) -> float:
+        """The smallest p that ranks of so many values without ties can have."""
+        return min(1.0, 2.0 / math.comb(sum(self.n), self.n[0]))
+
 
 @dataclass(frozen=True, slots=True)
 class Several:
@@ -135,18 +171,57 @@ class Several:
     effect: float
 
 
+def rejects(p: float, alpha: float) -> bool:
+    """Whether a test rejects at its level: p is at most alpha, but for rounding."""
+    return p <= alpha * (1.0 + CLOSE)
+
+
+def settled(values: Numbers | Array, sizes: Numbers | Array | None = None) -> Array:
+    """Values of which those that differ by rounding only are equal.
+
+    Neighbours by size are joined, and the least value of each group stands for all of it.
+
+    Args:
+        values: any numbers.
+        sizes: for each the larger value measured that it was made of; by default itself.
+    """
+    array = np.asarray(values, dtype=float)
+    if not len(array):
+        return array
+    measured = np.abs(array if sizes is None else np.asarray(sizes, dtype=float))
+    order = np.argsort(array, kind="stable")
+    ordered, measured = array[order], measured[order]
+    gaps = np.diff(ordered)
+    begins = (gaps > 0.0) & (gaps >= CLOSE * np.maximum(measured[1:], measured[:-1]))
+    group = np.concatenate(([0], np.cumsum(begins)))
+    first = np.concatenate(([True], begins))
+    found: Array = np.empty_like(array)
+    found[order] = ordered[first][group]
+    return found
+
+
+def differences(first: Numbers | Array, second: Numbers | Array) -> Array:
+    """Second less first, pair by pair; zero, and equal to others, where rounding alone differs."""
+    one, other = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
+    sizes = np.maximum(np.abs(one), np.abs(other))
+    raw: Array = other - one
+    raw[np.abs(raw) < CLOSE * sizes] = 0.0
+    kept = raw != 0.0
+    raw[kept] = np.sign(raw[kept]) * settled(np.abs(raw[kept]), sizes[kept])
+    return raw
+
+
 def summary(values: Numbers) -> Summary | None:
     """Of a sample; None if it is empty."""
     if not values:
         return None
-    array = np.asarray(values, dtype=float)
+    array = settled(values)
     low, middle, high = np.percentile(array, (25.0, 50.0, 75.0))
-    spread = float(np.std(array, ddof=1)) if len(array) > 1 else None
     return Summary(
         len(array),
-        float(np.mean(array)),
+        _mean(array),
         float(middle),
-        spread,
+        _spread(array) if len(array) > 1 else None,
         float(low),
         float(high),
         bca(array),
@@ -177,7 +252,9 @@ def bca(*samples: Numbers | Array) -> Interval | None:
         ).confidence_interval
     if not (math.isfinite(found.low) and math.isfinite(found.high)):
         return None
-    return Interval(float(found.low), float(found.high))
+    slack = CLOSE * max(float(np.max(np.abs(one))) for one in arrays)
+    low, high = (float(one) if abs(one) >= slack else 0.0 for one in found)
+    return Interval(low, high)
 
 
 def paired(first: Numbers, second: Numbers) -> Paired | None:
@@ -186,24 +263,25 @@ def paired(first: Numbers, second: Numbers) -> Paired | None:
     Args:
         first, second: values in the same order of participants.
     """
-    differences = np.asarray(second, dtype=float) - np.asarray(first, dtype=float)
-    if not len(differences):
+    found = differences(first, second)
+    if not len(found):
         return None
-    spread = float(np.std(differences, ddof=1)) if len(differences) > 1 else 0.0
-    mean = float(np.mean(differences))
+    slack = CLOSE * float(np.mean(np.maximum(np.abs(first), np.abs(second))))
+    spread = _spread(found)
+    mean = _mean(found, slack)
     t = t_p = dz = sd = None
-    if spread > 1e-12 * max(1.0, abs(mean)):
-        found = stats.ttest_1samp(differences, 0.0)
-        t, t_p = float(found.statistic), float(found.pvalue)
+    if spread > 0.0:
+        student = stats.ttest_1samp(found, 0.0)
+        t, t_p = float(student.statistic), float(student.pvalue)
         dz, sd = mean / spread, spread
-    w, lost, p, exact = signed_rank(differences)
-    positive, negative = int(np.sum(differences > 0)), int(np.sum(differences < 0))
+    w, lost, p, exact = signed_rank(found)
+    positive, negative = int(np.sum(found > 0)), int(np.sum(found < 0))
     changed = positive + negative
     return Paired(
-        n=len(differences),
+        n=len(found),
         mean=mean,
-        median=float(np.median(differences)),
-        interval=bca(differences),
+        median=float(np.median(found)),
+        interval=bca(found),
         t=t,
         t_p=t_p,
         w=w,
@@ -212,7 +290,7 @@ def paired(first: Numbers, second: Numbers) -> Paired | None:
         positive=positive,
         negative=negative,
         sign_p=float(stats.binomtest(positive, changed).pvalue) if changed else 1.0,
-        permutation_p=_permutation_p((differences,), "samples"),
+        permutation_p=_permutation_p((found,), "samples", slack),
         rank_biserial=(w - lost) / (w + lost) if changed else None,
         dz=dz,
         sd=sd,
@@ -230,7 +308,8 @@ def signed_rank(differences: Numbers | Array) -> tuple[float, float, float, bool
     kept = kept[kept != 0.0]
     if not len(kept):
         return 0.0, 0.0, 1.0, True
-    ranks = stats.rankdata(_grouped(np.abs(kept)))
+    kept = np.sign(kept) * settled(np.abs(kept))
+    ranks = stats.rankdata(np.abs(kept))
     won, lost = float(np.sum(ranks[kept > 0])), float(np.sum(ranks[kept < 0]))
     if len(kept) <= EXACT:
         doubled = np.rint(2.0 * ranks).astype(int)
@@ -239,25 +318,27 @@ def signed_rank(differences: Numbers | Array) -> tuple[float, float, float, bool
         for rank in doubled:  # each rank is added to the sum, or is not
             counts[rank:] += counts[: len(counts) - rank].copy()
         return won, lost, _two_sided(counts, round(2.0 * won)), True
-    found = stats.wilcoxon(_signed(kept), correction=False, method="asymptotic")
+    found = stats.wilcoxon(kept, correction=False, method="asymptotic")
     return won, lost, float(found.pvalue), False
 
 
 def unpaired(first: Numbers, second: Numbers) -> Unpaired | None:
     """Compare two conditions of different participants; None if one has no value."""
-    one, other = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
-    if not len(one) or not len(other):
+    if not len(first) or not len(second):
         return None
-    mean = float(np.mean(other) - np.mean(one))
+    together = settled([*first, *second])
+    one, other = together[: len(first)], together[len(first) :]
+    slack = CLOSE * float(np.mean(np.abs(one)) + np.mean(np.abs(other)))
+    mean = _mean(other) - _mean(one)
+    mean = mean if abs(mean) >= slack else 0.0
     t = t_p = d = sd = None
-    if len(one) > 1 and len(other) > 1:
-        variances = float(np.var(one, ddof=1)), float(np.var(other, ddof=1))
-        degrees = len(one) + len(other) - 2
-        pooled = ((len(one) - 1) * variances[0] + (len(other) - 1) * variances[1]) / degrees
-        if pooled > 0.0:
-            found = stats.ttest_ind(other, one, equal_var=False)
-            t, t_p, sd = float(found.statistic), float(found.pvalue), math.sqrt(pooled)
-            d = mean / sd
+    spreads = _spread(one), _spread(other)
+    if len(one) > 1 and len(other) > 1 and any(spreads):
+        squares = (len(one) - 1) * spreads[0] ** 2 + (len(other) - 1) * spreads[1] ** 2
+        found = stats.ttest_ind(other, one, equal_var=False)
+        t, t_p = float(found.statistic), float(found.pvalue)
+        sd = math.sqrt(squares / (len(one) + len(other) - 2))
+        d = mean / sd
     u, p, exact = rank_sum(one, other)
     return Unpaired(
         n=(len(one), len(other)),
@@ -268,7 +349,7 @@ def unpaired(first: Numbers, second: Numbers) -> Unpaired | None:
         u=u,
         mann_whitney_p=p,
         exact=exact,
-        permutation_p=_permutation_p((other, one), "independent"),
+        permutation_p=_permutation_p((other, one), "independent", slack),
         delta=2.0 * u / (len(one) * len(other)) - 1.0,
         d=d,
         sd=sd,
@@ -283,7 +364,7 @@ def rank_sum(first: Numbers | Array, second: Numbers | Array) -> tuple[float, fl
         is exact.
     """
     one, other = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
-    together = _grouped(np.concatenate((other, one)))
+    together = settled(np.concatenate((other, one)))
     ranks = stats.rankdata(together)
     u = float(np.sum(ranks[: len(other)])) - len(other) * (len(other) + 1) / 2.0
     if len(together) <= EXACT:
@@ -310,7 +391,7 @@ def several_paired(rows: Sequence[Numbers]) -> Several | None:
     table = np.asarray(rows, dtype=float)
     if table.ndim != 2 or len(table) < 2 or table.shape[1] < 3:
         return None
-    ranked = np.apply_along_axis(_grouped, 1, table)
+    ranked = np.apply_along_axis(settled, 1, table)
     if np.all(np.ptp(ranked, axis=1) == 0.0):
         return None
     found = stats.friedmanchisquare(*ranked.T)
@@ -322,16 +403,17 @@ def several_paired(rows: Sequence[Numbers]) -> Several | None:
 
 def several_unpaired(groups: Sequence[Numbers]) -> Several | None:
     """Kruskal and Wallis's test of independent groups."""
-    arrays = [np.asarray(one, dtype=float) for one in groups]
-    count = sum(len(one) for one in arrays)
-    if len(arrays) < 3 or any(not len(one) for one in arrays):
+    if len(groups) < 3 or any(not len(one) for one in groups):
         return None
-    if np.ptp(np.concatenate(arrays)) == 0.0:
+    count = sum(len(one) for one in groups)
+    together = settled(np.concatenate([np.asarray(one, dtype=float) for one in groups]))
+    if np.ptp(together) == 0.0:
         return None
-    found = stats.kruskal(*arrays)
+    ends = np.cumsum([len(one) for one in groups])[:-1]
+    found = stats.kruskal(*np.split(together, ends))
     statistic = float(found.statistic)
     return Several(
-        "Kruskal-Wallis", statistic, len(arrays) - 1, float(found.pvalue), statistic / (count - 1)
+        "Kruskal-Wallis", statistic, len(groups) - 1, float(found.pvalue), statistic / (count - 1)
     )
 
 
@@ -352,8 +434,11 @@ def _two_sided(counts: Array, at: int) -> float:
     return min(1.0, 2.0 * tail / float(np.sum(counts)))
 
 
-def _permutation_p(samples: tuple[Array, ...], kind: str) -> float | None:
-    """Of the mean, or of the difference of means; all permutations are listed if they are few."""
+def _permutation_p(samples: tuple[Array, ...], kind: str, slack: float) -> float | None:
+    """Of the mean, or of the difference of means; all permutations are listed if they are few.
+
+    Means that differ by no more than `slack` are equally extreme.
+    """
     if any(len(one) < 2 for one in samples):
         return None
 
@@ -372,15 +457,25 @@ def _permutation_p(samples: tuple[Array, ...], kind: str) -> float | None:
         n_resamples=PERMUTATIONS,
         rng=np.random.default_rng(SEED),
     )
-    return float(found.pvalue)
+    drawn, at = found.null_distribution, float(found.statistic)
+    sizes = [len(one) for one in samples]
+    listed = 2 ** sizes[0] if kind == "samples" else math.comb(sum(sizes), sizes[0])
+    # What was found is one of the permutations: it is among those listed, and added to those drawn.
+    own = 0 if listed <= PERMUTATIONS else 1
+    tails = np.sum(drawn <= at + slack), np.sum(drawn >= at - slack)
+    return min(1.0, 2.0 * (float(min(tails)) + own) / (len(drawn) + own))
 
 
-def _grouped(values: Array) -> Array:
-    """Values without the last bits, so that sums that ought to be equal are: 0.3 - 0.1 ties with
-    0.2."""
-    scale = float(np.max(np.abs(values))) if len(values) else 0.0
-    return values if scale == 0.0 else np.round(values / scale, 12)
+def _mean(values: Array, slack: float = 0.0) -> float:
+    """Mean; of equal values exactly their value, of those that cancel but for `slack` exactly 0."""
+    mean = float(values[0]) if np.ptp(values) == 0.0 else float(np.mean(values))
+    return mean if abs(mean) >= slack else 0.0
 
 
-def _signed(values: Array) -> Array:
-    return np.sign(values) * _grouped(np.abs(values))
+def _spread(values: Array) -> float:
+    """Standard deviation of a sample; of one value, or of equal ones, exactly 0."""
+    return float(np.std(values, ddof=1)) if np.ptp(values) > 0.0 else 0.0
+
+
+def _sign(value: float) -> int:
+    return (value > 0.0) - (value < 0.0)

@@ -27,6 +27,8 @@ MOVING_TURN = 0.1
 """rad/s from which on a robot moves on the spot."""
 PAUSE = 3.0
 """s without a command after which an interaction has ended."""
+CLOCK = 1e-9
+"""s: spans that differ by less are equally long, since differences of clock times are rounded."""
 JUMP = 10.0
 """m/s beyond which a robot was put elsewhere, and did not drive there."""
 COMPLETE = frozenset({"time", "operator", "all_found"})
@@ -271,7 +273,7 @@ class Trial:
             for one in acts:
                 end = one.end if one.driven else one.begin
                 home = _dwell_at(dwells, one.begin)
-                if groups and one.begin - groups[-1][1] <= PAUSE and groups[-1][2] == home:
+                if groups and one.begin - groups[-1][1] <= PAUSE + CLOCK and groups[-1][2] == home:
                     groups[-1] = groups[-1][0], max(groups[-1][1], end), home
                 else:
                     groups.append((one.begin, end, home))
@@ -300,7 +302,7 @@ class Trial:
             for pair in seen:
                 open_.setdefault(pair, time)
         found += [Span(robot, begin, self.end, what=it) for (robot, it), begin in open_.items()]
-        lasting = (one for one in found if one.length > DISPLAY_LEAST + 1e-9)
+        lasting = (one for one in found if one.length > DISPLAY_LEAST + CLOCK)
         return tuple(sorted(lasting, key=lambda one: (one.begin, one.robot, one.what)))
 
     @cached_property
@@ -349,7 +351,7 @@ def without(
     """Spans less other spans, joined where they touch, in order."""
     joined: list[tuple[float, float]] = []
     for begin, end in sorted(spans):
-        if joined and begin <= joined[-1][1] + 1e-9:
+        if joined and begin <= joined[-1][1] + CLOCK:
             joined[-1] = joined[-1][0], max(end, joined[-1][1])
         else:
             joined.append((begin, end))

@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
-from usarsim_study.statistics import Interval
+import math
+
+from usarsim_study.statistics import Interval, rejects
 
 NONE = "–"
 """Stands where there is nothing to tell."""
+LEAST = 1e-6
+"""Smaller numbers are written with a power of ten."""
 
 
 def number(value: float | None, scale: float | None = None) -> str:
-    """Three significant digits of the value, or of the scale; a true minus sign."""
+    """Three significant digits of the value, or of the scale; a true minus sign.
+
+    A value that is not 0 is never written as 0.
+    """
     if value is None:
         return NONE
     size = abs(value if scale is None else scale)
-    digits = 0 if size >= 100 else 1 if size >= 10 else 2 if size >= 1 else 3
-    text = f"{value:.{digits}f}"
-    return "0" if not float(text) else text.replace("-", "−")
+    text = f"{value:.2e}" if 0.0 < size < LEAST else f"{value:.{_decimals(size)}f}"
+    if not float(text):
+        return number(value) if value and scale is not None else "0"
+    return text.replace("-", "\N{MINUS SIGN}")
+
+
+def _decimals(value: float) -> int:
+    """Behind the point, for three significant digits."""
+    return max(0, 2 - math.floor(math.log10(float(f"{value:.2e}")))) if value else 0
 
 
 def span(low: float, high: float) -> str:
@@ -29,14 +42,38 @@ def interval(found: Interval | None) -> str:
     return NONE if found is None else span(found.low, found.high)
 
 
-def p_value(p: float | None) -> str:
-    """Three digits, or that it is smaller."""
+def p_value(p: float | None, alpha: float) -> str:
+    """Three digits, or that it is smaller; more where three would hide on which side of the level
+    of the tests it is."""
     if p is None:
         return NONE
-    return "< 0.001" if p < 0.001 else f"{p:.3f}"
+    if p < 0.001 <= alpha:
+        return "< 0.001"
+    for digits in range(3, 12):
+        text = f"{p:.{digits}f}"
+        if rejects(float(text), alpha) is rejects(p, alpha):
+            break
+    return text
 
 
-def p_told(p: float | None) -> str:
+def p_told(p: float | None, alpha: float) -> str:
     """The same in a sentence."""
-    text = p_value(p)
+    text = p_value(p, alpha)
     return f"p {text}" if text.startswith("<") else f"p = {text}"
+
+
+def counted(count: int, one: str, more: str) -> str:
+    """A number with its noun."""
+    return f"{count} {one if count == 1 else more}"
+
+
+def unit_told(unit: str) -> str:
+    """A unit behind a number, with a blank; nothing for shares."""
+    return "" if unit == "1" else " per minute" if unit == "1/min" else f" {unit}"
+
+
+def comparative(direction: float, unit: str) -> str:
+    """What has the larger value is: times are longer or shorter, all else is more or less."""
+    if unit == "s":
+        return "longer" if direction > 0 else "shorter"
+    return "more" if direction > 0 else "less"

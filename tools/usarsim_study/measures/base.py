@@ -34,6 +34,10 @@ BALAKIRSKY = (
 )
 OURS = "this project"
 
+DECIMALS = 9
+"""Of values in s: no clock is finer, and what a difference of clock times has behind them is
+rounding."""
+
 
 @dataclass(frozen=True, slots=True)
 class Part:
@@ -103,13 +107,16 @@ def measure(
 ) -> Callable[[Function], Function]:
     """Declare the function below as a measure; see `Measure`.
 
+    Values in s are rounded to `DECIMALS`.
+
     judged: it counts what a referee says, and is missing where none has judged.
     """
 
     def declare(function: Function) -> Function:
         @wraps(function)
         def value(trial: Trial, part: Part) -> float | None:
-            return function(trial, part) if trial.judged or not judged else None
+            found = function(trial, part) if trial.judged or not judged else None
+            return round(found, DECIMALS) if found is not None and unit == "s" else found
 
         if name in DECLARED:
             raise ValueError(f"two measures are called {name}")

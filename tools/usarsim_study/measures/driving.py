@@ -6,7 +6,7 @@ import math
 from itertools import pairwise
 
 from usarsim_study.measures.base import ANALYSIS, BALAKIRSKY, OURS, Part, measure
-from usarsim_study.trial import JUMP, Trial
+from usarsim_study.trial import CLOCK, JUMP, Trial
 
 
 @measure(
@@ -114,7 +114,7 @@ def teleoperations(trial: Trial, part: Part) -> float | None:
         until = -math.inf
         for one in trial.commands:
             if one.robot == robot and one.driven:
-                count += one.begin > until + 1e-9
+                count += one.begin > until + CLOCK
                 until = max(until, one.end)
     return float(count)
 

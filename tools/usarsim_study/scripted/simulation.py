@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from statistics import fmean, stdev
+from statistics import fmean
 
 from usarsim_mission.scenario.reader import read_scenario
 from usarsim_mission.scenario.resolving import stage
@@ -26,7 +26,15 @@ from usarsim_study.scripted.answers import Feeling, answer
 from usarsim_study.scripted.skill import Device, careful, drawn
 from usarsim_study.scripted.trials import Ground, ground, run_trial, values_of_trial
 from usarsim_study.session.steps import Attempt, Past, next_step
-from usarsim_study.statistics import rank_sum, several_paired, several_unpaired, signed_rank
+from usarsim_study.statistics import (
+    differences,
+    paired,
+    rank_sum,
+    rejects,
+    several_paired,
+    several_unpaired,
+    signed_rank,
+)
 from usarsim_study.study_file import Study, read_study
 
 MOST_STEPS = 500
@@ -162,22 +170,20 @@ def power(
             chance.shuffle(line)
         columns = [list(column) for column in zip(*drawn_lines, strict=True)]
         rejected += _rejects(columns, study.alpha, within=True)
-    differences = [line[-1] - line[0] for line in lines]
-    spread = stdev(differences) if len(names) == 2 and len(lines) > 1 else 0.0
-    return Power(rejected / repeats, fmean(differences) / spread if spread else None)
+    found = paired(*zip(*lines, strict=True)) if len(names) == 2 and lines else None
+    return Power(rejected / repeats, None if found is None else found.dz)
 
 
 def _rejects(columns: list[list[float]], alpha: float, *, within: bool) -> bool:
     if len(columns) == 2 and within:
-        differences = [b - a for a, b in zip(*columns, strict=True)]
-        return any(differences) and signed_rank(differences)[2] <= alpha
+        return rejects(signed_rank(differences(*columns))[2], alpha)
     if len(columns) == 2:
-        return rank_sum(*columns)[1] <= alpha
+        return rejects(rank_sum(*columns)[1], alpha)
     if within:
         found = several_paired([list(row) for row in zip(*columns, strict=True)])
     else:
         found = several_unpaired(columns)
-    return found is not None and found.p <= alpha
+    return found is not None and rejects(found.p, alpha)
 
 
 # -- faults of the protocol -----------------------------------------------------------------------
