@@ -102,12 +102,12 @@ def test_both_kinds_of_connections() -> None:
     """A robot by the blocking one, its picture and its truth by the others."""
     with (
         running_server(world="empty", image_port=0, truth_port=0) as (_, ports),
-        BlockingConnection(ports["control"].port) as control,
+        BlockingConnection(ports["control"].port, patience=PATIENCE) as control,
     ):
         poses = control.ask(command("GETSTARTPOSES"), "NFO {StartPoses")
         init = f"INIT {{ClassName USARBot.P3AT}} {{Start {poses.segments[1][0]}}}"
         assert control.ask(command(init), "STA").get("Type") == "GroundVehicle"
-        with BlockingConnection(ports["images"].port) as images:
+        with BlockingConnection(ports["images"].port, patience=PATIENCE) as images:
             images.send(rectangle(0, 0, 16, 8))
             assert images.picture().size == (16, 8)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
+import socket
 from collections.abc import Callable, Coroutine
 from typing import Any
 from unittest.mock import patch
@@ -41,12 +42,19 @@ class Original:
         self.spawned = False
 
     def __call__(self, line: str) -> list[str]:
-        if line == "GETSTARTPOSES":
+        if line.split()[0] == "GETSTARTPOSES":  # segments that it does not know are nothing to it
             return [POSES]
         if line.startswith("INIT {ClassName USARBot.P3AT}"):
             self.spawned = True
             return [STATUS]
         return ["CONF {Name P3AT}"] if line == "GETCONF {Type Robot}" and self.spawned else []
+
+
+def free_port() -> int:
+    """A port where nobody listens."""
+    with socket.create_server(("127.0.0.1", 0)) as one:
+        port: int = one.getsockname()[1]
+        return port
 
 
 def at(answer: Callable[[str], list[str]], **more: Any) -> Callable[..., None]:
@@ -69,15 +77,17 @@ def at(answer: Callable[[str], list[str]], **more: Any) -> Callable[..., None]:
 @at(silent)
 async def test_server_that_answers_no_question(fake: FakeServer) -> None:
     """A robot is in the world when anything streams; questions end by themselves."""
-    async with connect(port=fake.port, timeout=PATIENCE) as server:
-        robot = await server.spawn("Rover", "R", location=(1.0, 2.0, 3.0))
+    async with connect(port=fake.port, timeout=PATIENCE, groundtruth_port=fake.port) as server:
+        with patch("usarsim_client.server.GRACE", 0.05):
+            robot = await server.spawn("Rover", "R", location=(1.0, 2.0, 3.0))
         await robot.drive(left=0.5, right=-0.5)
         assert robot.newest(reports.Status) is not None
         stream = robot.odometry()
         fake.say("SEN {Time 0.5} {Type Odometry} {Name O} {Pose 1,2,3}")
         assert (await anext(stream)).x == 1.0
-    assert fake.heard[0] == (
-        "INIT {ClassName USARBot.Rover} {Name R} {Location 1.000000,2.000000,3.000000}"
+    assert next(line for line in fake.heard if line.startswith("INIT")) == (
+        "INIT {ClassName USARBot.Rover} {Name R} {Location 1.000000,2.000000,3.000000} "
+        "{ExactName true}"
     )
     assert "DRIVE {Left 0.500000} {Right -0.500000} {Normalized false}" in fake.heard
 
@@ -169,8 +179,11 @@ async def _until_hangup(stream: Any) -> Any:
 async def test_robot_comes_back(fake: FakeServer) -> None:
     """With a `Retry` the robot is spawned again under its name, and its streams go on."""
     retry = Retry(first=0.001, most=0.01)
-    async with connect(port=fake.port, timeout=PATIENCE, retry=retry) as server:
-        robot = await server.spawn("Rover", "R", location=(1.0, 0.0, 0.0))
+    async with connect(
+        port=fake.port, timeout=PATIENCE, retry=retry, groundtruth_port=free_port()
+    ) as server:
+        with patch("usarsim_client.server.GRACE", 0.05):
+            robot = await server.spawn("Rover", "R", location=(1.0, 0.0, 0.0))
         odometry = robot.odometry()
         for spawns in (2, 3):
             fake.hang_up()

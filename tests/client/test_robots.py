@@ -97,7 +97,7 @@ def test_robot_of_a_dialect(ports: Ports, class_name: str, dialect: Dialect, sta
 def test_refused(ports: Ports) -> None:
     """A robot and a start pose that do not exist."""
     with connect_blocking(port=ports["control"]) as server:
-        with pytest.raises(SpawnError, match=r"no P3TA came into the world.*did you mean P3AT\?"):
+        with pytest.raises(SpawnError, match=r"no P3TA came into the world.*did you mean `P3AT`\?"):
             server.spawn("P3TA")
         with pytest.raises(SpawnError, match=r"RobotStrat1; did you mean RobotStart1\?"):
             server.spawn("P3AT", start="RobotStrat1")
@@ -105,7 +105,9 @@ def test_refused(ports: Ports) -> None:
 
 def test_blocking_calls_pictures_and_side_channels(ports: Ports) -> None:
     """The same without an event loop: pictures of the robot's tile, truth, radio, lockstep."""
-    with connect_blocking(port=ports["control"], image_port=ports["images"]) as server:
+    with connect_blocking(
+        port=ports["control"], image_port=ports["images"], timeout=PATIENCE
+    ) as server:
         robot = server.spawn("P3AT", "Seer", start="RobotStart3")
         assert next(robot.scans()).ranges.size == 181
         tile = robot.camera().tile

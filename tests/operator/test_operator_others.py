@@ -134,7 +134,7 @@ async def test_lights_flippers_and_refusals(dialect: DialectMode) -> None:
     with running_server(world="empty", dialect=dialect) as (_, endpoints):
         async with gateway(endpoints["control"].port) as console, console.page() as page:
             wrong = await page.ask("spawn", **{"class": "Knaf"}, name="X")
-            assert "did you mean Kenaf?" in wrong["why"]
+            assert "did you mean `Kenaf`?" in wrong["why"]
             place = [0.0, 0.0, -0.4]
             assert (await page.ask("spawn", **{"class": "Kenaf"}, name="K", place=place))["ok"]
             assert (await page.ask("take", robot="K"))["ok"]
@@ -146,3 +146,19 @@ async def test_lights_flippers_and_refusals(dialect: DialectMode) -> None:
             await page.until(
                 lambda: all(abs(one - 0.5) < 0.02 for one in page.row("K")["joints"].values())
             )
+
+
+async def test_names_that_the_console_invents_are_free() -> None:
+    """Another console has robots of such names already; a name that was asked for is refused."""
+    with running_server(world="empty", dialect=DialectMode.UDK) as (assembly, endpoints):
+        port = endpoints["control"].port
+        async with connect(port=port) as other, gateway(port) as console, console.page() as page:
+            for number in range(1, 6):
+                place = (0.0, 3.0 * number, -0.3)
+                await other.spawn("P3AT", f"Console{number}", location=place)
+            answer = await page.ask("spawn", **{"class": "P3AT"}, place=[4.0, 0.0, -0.3])
+            assert answer["ok"], answer
+            taken = await page.ask("spawn", **{"class": "P3AT"}, name="Console5", place=[9, 0, -1])
+            assert "the name Console5 is taken" in taken["why"]
+            assert len(assembly.robots.vehicles) == 6
+            assert not any("_" in one.name for one in assembly.robots.vehicles)

@@ -217,6 +217,8 @@ LINES: dict[str, st.SearchStrategy[str]] = {
             walking=st.booleans(),
         ),
     ),
+    "refused": st.builds(m.refused, TEXT),
+    "exact names": st.builds(m.exact_names),
     "avatar bones": st.builds(
         m.avatar_bones, ANY, TEXT, st.lists(st.tuples(TEXT, TRIPLE), max_size=4)
     ),

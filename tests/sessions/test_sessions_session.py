@@ -373,3 +373,54 @@ def test_path_nodes_are_told() -> None:
         nodes, closest = client.take()
     assert nodes.startswith("NFO {PathNodes 24} {Lobby -9.0000,0.0000,0.0000 0.0000,0.0000,0.0000 ")
     assert closest == "NFO {Pathnode Lounge} {Location 5.1000,2.6000,0.0000}"
+
+
+# -- Names that are exact or not at all ------------------------------------------------------------
+
+
+def test_a_taken_name_is_refused_where_an_exact_one_is_asked_for(stage: Rehearsal) -> None:
+    """With the segment INIT fails, and its client hears why; without it all is as ever."""
+    first, second = stage.connect(), stage.connect()
+    first.send("INIT {ClassName USARBot.P3AT} {Name Twin} {exactname TRUE}")
+    assert first.lines == []
+    second.send("INIT {ClassName USARBot.P3AT} {Name twin} {Location 3,0,0} {ExactName true}")
+    assert second.take() == ["NFO {Status Refused} {Reason the name twin is taken}"]
+    second.send("INIT {ClassName USARBot.P3AT} {Name twin} {Location 3,0,0} {ExactName false}")
+    assert second.lines == []
+    assert [one.name for one in stage.assembly.robots.vehicles] == ["Twin", "twin_2"]
+
+
+@pytest.mark.parametrize(
+    ("init", "reason"),
+    [
+        ("{ClassName P3TA} {Name R1}", "unknown class; did you mean `P3AT`?"),
+        ("{ClassName USARAvatar.Nobody}", "there is no avatar of this class"),
+        ("{Name R1}", "unknown class"),
+        (f"{{ClassName P3AT}} {{Name {'x' * 65}}}", "the name has 65 characters, 64 are possible"),
+    ],
+)
+def test_who_asks_for_an_exact_name_hears_why_init_failed(
+    client: RehearsedClient, init: str, reason: str
+) -> None:
+    """Whatever the reason; nobody else does."""
+    client.send(f"INIT {init}")
+    assert client.lines == []
+    client.send(f"INIT {init} {{ExactName true}}")
+    [line] = client.take()
+    assert line.startswith(f"NFO {{Status Refused}} {{Reason {reason}")
+
+
+def test_a_name_that_would_be_cleaned_is_no_exact_one(client: RehearsedClient) -> None:
+    """The reason says how to write it."""
+    client.send("INIT {ClassName P3AT} {Name a b} {ExactName true}")
+    reason = "no name has blanks, braces or what cannot be printed: write a_b"
+    assert client.take() == [f"NFO {{Status Refused}} {{Reason {reason}}}"]
+
+
+def test_the_segment_can_be_asked_for(client: RehearsedClient) -> None:
+    """GETSTARTPOSES with it says that it is known, and answers as ever."""
+    client.send("GETSTARTPOSES")
+    ever = client.take()
+    client.send("GETSTARTPOSES {ExactName true}")
+    assert client.take() == ["NFO {Status ExactNames}", *ever]
+    assert len(ever) == 1

@@ -20,7 +20,7 @@ from usarsim_client.connection import Connection
 from usarsim_client.decoder import Value, decode
 from usarsim_client.depth import DepthPicture
 from usarsim_client.inbox import HangupError, Inbox, Line, ProtocolError, command
-from usarsim_client.link import NoAnswerError, Retry, SpawnError
+from usarsim_client.link import NameTakenError, NoAnswerError, Retry, SpawnError
 from usarsim_client.pictures import FULL_FRAME, Picture, rectangle
 from usarsim_client.robot import Robot
 from usarsim_client.scene import Poses, Present, Scene, SceneReader, connect_scene
@@ -46,6 +46,7 @@ __all__ = [
     "HangupError",
     "Inbox",
     "Line",
+    "NameTakenError",
     "NoAnswerError",
     "Picture",
     "Pictures",

@@ -63,6 +63,8 @@ def init(
 ) -> bytes:
     """INIT of a robot, a world controller, an avatar.
 
+    It says `ExactName`: a server that knows the segment alters no name, and tells why it refuses.
+
     Args:
         class_name: `USARBot.` is put before one without a package.
         name: of the robot; the server invents one without.
@@ -79,7 +81,7 @@ def init(
     if start is None and location is None:
         location = (0.0, 0.0, 0.0)
     places = {"Name": name, "Start": start, "Location": location, "Rotation": rotation}
-    return say("INIT", ClassName=qualified, **places, **more)
+    return say("INIT", ClassName=qualified, **places, **{**more, "ExactName": True})
 
 
 def drive(

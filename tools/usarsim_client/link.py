@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import weakref
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
@@ -24,12 +24,17 @@ from usarsim_server.protocol.grammar import LineFramer
 Kind = TypeVar("Kind")
 Accept = Callable[[Value], Kind | None]
 """Says what a value means to whoever asked; None if it is no answer."""
+Claim = Callable[[], Awaitable[None]]
+"""Sees, before INIT, whether a name is free; raises `SpawnError` if it is not."""
 
 MAX_LINE = 1 << 20
 """Longest line that is read, bytes; longer ones are skipped. Strips of depth pictures have 25,000,
 a list of all the objects that a world holds 60,000."""
 
-FENCE = command("GETSTARTPOSES")
+STARTS = "GETSTARTPOSES"
+"""A question that servers answer in any state."""
+
+FENCE = command(STARTS)
 """A question that every server answers; as replies keep the order of their requests, its answer
 proves that what was asked before has none."""
 
@@ -48,6 +53,10 @@ class NoAnswerError(ProtocolError):
 
 class SpawnError(ProtocolError):
     """The server did not let a robot in."""
+
+
+class NameTakenError(SpawnError):
+    """Somebody else in the world has the name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +173,7 @@ class Link:
         self._pumping: asyncio.Task[None] | None = None
         self._returning: asyncio.Task[None] | None = None
         self._streams: list[weakref.ref[Stream[Any]]] = []
-        self._entry: tuple[bytes, Accept[str]] | None = None
+        self._entry: tuple[bytes, Accept[str], Claim] | None = None
         self._asking = asyncio.Lock()
         self._question: _Question[Any] | None = None
         self._fences = 0
@@ -307,7 +316,7 @@ class Link:
         address = replace(self.address, timeout=wait or self.address.timeout)
         async with self._asking:
             question = _Question(asked, accept, fence)
-            self._fences += fence or request == FENCE
+            self._fences += fence or asked.startswith(STARTS)
             self._question = question
             try:
                 await self.send(request + (FENCE if fence else b""))
@@ -320,22 +329,24 @@ class Link:
 
     # -- coming and going -------------------------------------------------------------------
 
-    async def enter(self, init: bytes, accept: Accept[str]) -> None:
+    async def enter(self, init: bytes, accept: Accept[str], claim: Claim) -> None:
         """Send INIT, and again after each loss of the connection if a `Retry` was given.
 
         Args:
             init: INIT and a question that only who is in the world is answered.
             accept: what shows that it has come into the world, an empty text, or why not.
+            claim: called each time before.
 
         Raises:
             SpawnError: if it does not come into the world.
             HangupError: if the connection ends before.
             TimeoutError: if the server answers nothing at all.
         """
-        await self._enter(init, accept)
-        self._entry = init, accept
+        await self._enter(init, accept, claim)
+        self._entry = init, accept, claim
 
-    async def _enter(self, init: bytes, accept: Accept[str]) -> None:
+    async def _enter(self, init: bytes, accept: Accept[str], claim: Claim) -> None:
+        await claim()
         try:
             reason = await self.ask(init, accept)
         except NoAnswerError:

@@ -11,12 +11,22 @@ from usarsim_client.commands import say
 from usarsim_client.connection import AsyncClosing
 from usarsim_client.decoder import Value
 from usarsim_client.inbox import HangupError, ProtocolError
-from usarsim_client.link import FENCE, Address, Link, Retry, SpawnError, only
+from usarsim_client.link import (
+    FENCE,
+    GRACE,
+    STARTS,
+    Address,
+    Link,
+    NameTakenError,
+    Retry,
+    SpawnError,
+    only,
+)
 from usarsim_client.participant import Participant
 from usarsim_client.robot import Robot
 from usarsim_client.side_channels import GroundTruthPort, Radio, TruthPort
 from usarsim_client.world import Avatar, WorldController
-from usarsim_server.protocol.values import Vector
+from usarsim_server.protocol.values import Vector, clean_name, name_key, taken
 
 Someone = TypeVar("Someone", bound=Participant)
 
@@ -31,6 +41,9 @@ _PRESENT = (
     reports.Tick,
 )
 """What only those are told of who are in the world."""
+
+_EXACT = "exactnames"
+"""What a server says that knows the segment ExactName of INIT, in lower case."""
 
 _CLASSES = (
     *("P2AT", "P2DX", "P3AT", "P3DX", "ATRVJr", "Zerg", "Talon", "Telemax", "Kenaf", "Tarantula"),
@@ -57,6 +70,7 @@ class Server(AsyncClosing):
         timeout: float = 10.0,
         retry: Retry | None = None,
         image_port: int = 5003,
+        groundtruth_port: int = 7435,
     ) -> None:
         """Say where a server is; `async with` connects.
 
@@ -66,6 +80,7 @@ class Server(AsyncClosing):
             timeout: s of wall time that a connection, a send or an answer may take.
             retry: how robots come back after a lost connection; None: not at all.
             image_port: where it gives pictures.
+            groundtruth_port: where it tells the positions of all robots, and so their names.
         """
         self.address = Address(host, port, timeout)
         self.greeting: reports.Greeting | None = None
@@ -73,6 +88,9 @@ class Server(AsyncClosing):
         self._images = Address(host, image_port, timeout)
         self._lobby: Link | None = None
         self._participants: list[Participant] = []
+        self._groundtruth_port = groundtruth_port
+        self._exact: bool | None = None  # whether it refuses names that are taken; None: unasked
+        self._tells_names = True  # as long as it is no waste of time to ask
 
     async def __aenter__(self) -> Self:
         """Connect, and see that it is a server of this protocol that answers.
@@ -133,26 +151,29 @@ class Server(AsyncClosing):
     ) -> Robot:
         """Put a robot into the world and wait until it is there.
 
-        With `connect(..., retry=Retry())` it comes back under its name after a lost connection.
+        With `connect(..., retry=Retry())` it comes back under its name after a lost connection; it
+        tries until nobody else has it, such as its own forerunner behind a half-open connection.
 
         Args:
             class_name: as P3AT; `USARBot.` is put before it.
-            name: the invented one of the server without.
+            name: cleaned, see `clean_name`; the invented one of the server without.
             start: tag of a start pose; without one location and rotation count.
             location: m. rotation: roll, pitch, yaw, rad; the origin without any.
             more: further segments of INIT: `Battery=600.0`, `Dialect="udk"`, `Team=1`.
 
         Raises:
-            SpawnError: if the server refuses, with its reason if it told one.
+            NameTakenError: if somebody in the world has the name. Servers that alter such names
+                without a word are asked for all names before, where they tell them.
+            SpawnError: if the server refuses otherwise, with its reason if it told one.
             HangupError: if it hangs up.
             TimeoutError: if it answers nothing.
         """
-        link = await self._new_link()
+        link, name = await self._new_link(), clean_name(name or "")
         try:
             if start is not None:
                 await self._check_start(link, start)
-            init = commands.init(class_name, name, start, location, rotation, more)
-            robot = Robot(link, name or "", class_name, self._images, self._retry)
+            init = commands.init(class_name, name or None, start, location, rotation, more)
+            robot = Robot(link, name, class_name, self._images, self._retry)
             return await self._enter(robot, init + say("GETCONF", Type="Robot"), class_name)
         except BaseException:
             await link.close()
@@ -169,8 +190,9 @@ class Server(AsyncClosing):
     ) -> Avatar:
         """Put a person into the world; as `spawn`, classes are of `USARAvatar.`."""
         qualified = class_name if "." in class_name else f"USARAvatar.{class_name}"
-        init = commands.init(qualified, name, start, location, rotation, {})
-        return await self._enter(Avatar(await self._new_link(), name or ""), init, class_name)
+        name = clean_name(name or "")
+        init = commands.init(qualified, name or None, start, location, rotation, {})
+        return await self._enter(Avatar(await self._new_link(), name), init, class_name)
 
     async def world_controller(
         self, name: str = "WorldController", class_name: str = "USARBot.WorldController"
@@ -186,13 +208,19 @@ class Server(AsyncClosing):
                 return value.reason
             return "" if isinstance(value, _PRESENT) else None
 
+        async def claim() -> None:
+            if isinstance(someone, Robot) and someone.name:
+                await self._claim(someone.link, someone.name)
+
         try:
-            await someone.link.enter(init, accept)
+            await someone.link.enter(init, accept, claim)
         except SpawnError as error:
             await someone.close()
             near = difflib.get_close_matches(class_name.rpartition(".")[2], _CLASSES, n=1)
-            hint = f"; did you mean {near[0]}?" if near and near[0] not in class_name else ""
-            raise SpawnError(f"no {class_name} came into the world: {error}{hint}") from None
+            helps = near and near[0] not in class_name and "did you mean" not in str(error)
+            hint = f"; did you mean {near[0]}?" if helps else ""
+            kind = NameTakenError if str(error) == taken(someone.name) else SpawnError
+            raise kind(f"no {class_name} came into the world: {error}{hint}") from None
         except BaseException:
             await someone.close()
             raise
@@ -201,10 +229,12 @@ class Server(AsyncClosing):
 
     async def _check_start(self, link: Link, start: str) -> None:
         """Refuse a start pose that the world does not have: servers use another one silently."""
-        try:
-            poses = (await link.ask(FENCE, only(reports.StartPoses), fence=False)).poses
-        except TimeoutError:
-            return  # a server that lists none may still know the name
+        poses = await self._get_to_know(link)
+        if poses is None:
+            try:
+                poses = (await link.ask(FENCE, only(reports.StartPoses), fence=False)).poses
+            except TimeoutError:
+                return  # a server that lists none may still know the name
         tags = {pose.tag.lower(): pose.tag for pose in poses}
         if tags and start.lower() not in tags:
             near = difflib.get_close_matches(start.lower(), tags, n=1)
@@ -212,6 +242,48 @@ class Server(AsyncClosing):
                 f"did you mean {tags[near[0]]}?" if near else f"it has {', '.join(tags.values())}"
             )
             raise SpawnError(f"the world has no start pose {start}; {hint}")
+
+    async def _get_to_know(self, link: Link) -> tuple[reports.StartPose, ...] | None:
+        """Ask for start poses in a way that shows whether the server refuses names that are taken;
+        None if it answers nothing."""
+        exact = False
+
+        def accept(value: Value) -> reports.StartPoses | None:
+            nonlocal exact
+            exact = exact or (isinstance(value, reports.Event) and value.event.lower() == _EXACT)
+            return value if isinstance(value, reports.StartPoses) else None
+
+        wait = min(GRACE, self.address.timeout)
+        try:
+            found = await link.ask(say(STARTS, ExactName=True), accept, fence=False, wait=wait)
+        except TimeoutError:
+            self._exact = False
+            return None
+        self._exact = exact
+        return found.poses
+
+    async def _claim(self, link: Link, name: str) -> None:
+        """See whether a name is free, at a server that would alter it otherwise."""
+        if self._exact is None:
+            await self._get_to_know(link)
+        if not self._exact and name_key(name) in await self._names():
+            raise NameTakenError(taken(name))
+
+    async def _names(self) -> set[str]:
+        """Keys of the names of all robots; empty if the server does not tell."""
+        if not self._tells_names:
+            return set()
+        port = self.ground_truth()
+        try:
+            async with asyncio.timeout(min(GRACE, self.address.timeout)):
+                return {name_key(one.name) for one in await port.positions()}
+        except TimeoutError:
+            self._tells_names = False
+            return set()
+        except (ProtocolError, OSError):
+            return set()
+        finally:
+            await port.close()
 
     # -- time ---------------------------------------------------------------------------------
 
@@ -256,9 +328,13 @@ class Server(AsyncClosing):
             raise
         return radio
 
-    def ground_truth(self, port: int = 7435) -> GroundTruthPort:
-        """Positions of all robots, and obstacles between them; connects when asked."""
-        return GroundTruthPort(self._at(port))
+    def ground_truth(self, port: int | None = None) -> GroundTruthPort:
+        """Positions of all robots, and obstacles between them; connects when asked.
+
+        Args:
+            port: None for the one that was given to `connect`.
+        """
+        return GroundTruthPort(self._at(self._groundtruth_port if port is None else port))
 
     def truth(self, port: int = 3989) -> TruthPort:
         """True poses of everybody; connects when asked."""

@@ -15,7 +15,16 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from usarsim_client import HangupError, ProtocolError, Robot, Server, SpawnError, readings, reports
+from usarsim_client import (
+    HangupError,
+    NameTakenError,
+    ProtocolError,
+    Robot,
+    Server,
+    SpawnError,
+    readings,
+    reports,
+)
 from usarsim_client.decoder import Value
 from usarsim_client.scene import Poses
 from usarsim_operator.alarms import Alarms, StuckWatch
@@ -202,21 +211,27 @@ class Station:
         """Bring a robot of our own into the world; turn: roll, pitch, yaw (rad), beside a place.
 
         Raises:
-            SpawnError: if the server refuses, or a robot of ours has that name.
+            SpawnError: if the server refuses, or a robot has that name.
         """
         if name in self.robots:
             raise SpawnError(f"there is a robot {name} already")
         if len(self.robots) >= MOST_ROBOTS:
             raise SpawnError(f"a session has at most {MOST_ROBOTS} robots")
-        name = name or f"Console{next(self._page_ids)}"
         if start is None and place is None:
             with contextlib.suppress(TimeoutError):
                 poses = await self.server.start_poses()
                 start = poses[len(self.robots) % len(poses)].tag if poses else None
-        robot = await self.server.spawn(
-            class_name, name, start=start, location=place, rotation=turn
-        )
-        return self.adopt(robot)
+        while True:
+            named = name or f"Console{next(self._page_ids)}"
+            try:
+                robot = await self.server.spawn(
+                    class_name, named, start=start, location=place, rotation=turn
+                )
+            except NameTakenError:
+                if name:
+                    raise
+                continue  # another console has brought one of this name
+            return self.adopt(robot)
 
     def adopt(self, robot: Robot) -> Driven:
         """Drive a robot that is in the world by a connection of ours."""

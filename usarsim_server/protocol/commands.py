@@ -110,6 +110,7 @@ def _init(command: Command) -> Init:
         battery=fields.read("battery", read_number),
         team=fields.read("team", read_int),
         skin=fields.text("skin"),
+        exact_name=fields.read("exactname", read_bool) or False,
         segments=command.segments,
     )
 
@@ -301,7 +302,9 @@ def _sync(command: Command) -> Sync:
 
 _READERS: Mapping[str, Callable[[Command], Request]] = {
     "INIT": _init,
-    "GETSTARTPOSES": lambda command: GetStartPoses(),
+    "GETSTARTPOSES": lambda command: GetStartPoses(
+        _Fields(command).read("exactname", read_bool) or False
+    ),
     "GETPATHNODES": lambda command: GetPathNodes(),
     "GETCLOSESTPATHNODE": lambda command: GetClosestPathNode(_Fields(command).vector("location")),
     "DRIVE": _drive,

@@ -33,12 +33,16 @@ class Init:
     battery: float | None = None  # battery life in s
     team: int | None = None  # team number
     skin: str | None = None  # texture name
+    exact_name: bool = False
+    """It comes under its name as it is spelled or not at all, and is told why not (of our own)."""
     segments: tuple[Segment, ...] = ()  # everything as sent
 
 
 @dataclass(frozen=True, slots=True)
 class GetStartPoses:
     """List the start positions (3.3)."""
+
+    exact_name: bool = False  # first of all, say that `Init.exact_name` is known here
 
 
 @dataclass(frozen=True, slots=True)

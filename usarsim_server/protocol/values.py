@@ -110,6 +110,11 @@ def free_name(text: str, taken: Container[str]) -> str:
     return name
 
 
+def taken(name: str) -> str:
+    """Why nobody else can have a name that somebody has."""
+    return f"the name {name} is taken"
+
+
 _LONGEST_NAME, _MOST_NAMES = 40, 200
 
 

@@ -210,6 +210,7 @@ class Robots:
         name: str | None,
         pose: Pose,
         wanted: Callable[[], bool] = always,
+        exact_name: bool = False,
     ) -> Vehicle:
         """Put a new vehicle into the world; blocks until it is there.
 
@@ -218,16 +219,17 @@ class Robots:
             name: wanted label; cleaned and made unique (see `protocol.names`), invented if None.
             pose: wanted pose of the reference point (simulation frame).
             wanted: asked when its turn has come; others before it may have taken long.
+            exact_name: no other name will do.
 
         Raises:
-            SpawnError: if the name is too long, there is no room, the pose cannot be used, or
+            SpawnError: if the name cannot be had, there is no room, the pose cannot be used, or
                 nobody wants it any more.
             RobotDescriptionError: if a sensor of the class cannot be made.
         """
         with self._lock:
             order = self._order
             self._order += 1
-            label = self._labels.take(name, description.name)
+            label = self._labels.take(name, description.name, exact_name)
         try:
             sensors = tuple(self._sensors(description, order))
             robot, placed = self._simulation.spawn(self._model(description), pose, wanted)

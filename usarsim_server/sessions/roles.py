@@ -100,13 +100,13 @@ class Roles:
             self.forget(peer)  # a class that does not exist costs nothing
             raise SpawnError(f"unknown class{near(init.class_name, self.robots.class_names)}")
         asked = self.robots.time
-        vehicle = self.robots.spawn(description, init.name, pose, wanted)
+        vehicle = self.robots.spawn(description, init.name, pose, wanted, init.exact_name)
         log = log.bind(robot=vehicle.name)
         log.info("robot spawned", robot_class=description.name, id=vehicle.robot)
         return RobotRole(vehicle, description.dialect, self.options.role, init.battery, log, asked)
 
     def _avatar(self, kind: AvatarClass, init: Init, pose: Pose, log: Log) -> Walker:
-        avatar = self.avatars.spawn(kind, init.name, pose)
+        avatar = self.avatars.spawn(kind, init.name, pose, init.exact_name)
         log = log.bind(avatar=avatar.name)
         log.info("avatar spawned", avatar_class=kind.name, id=avatar.body)
         quiet = self.options.role.quiet_period
@@ -132,7 +132,8 @@ class Roles:
     def start_poses(self, request: GetStartPoses) -> list[str]:
         """Where robots may start."""
         starts = self.world.starts
-        return [messages.start_poses([(start.tag, *start.announced) for start in starts])]
+        poses = messages.start_poses([(start.tag, *start.announced) for start in starts])
+        return [messages.exact_names(), poses] if request.exact_name else [poses]
 
     def path_nodes(self, request: GetPathNodes) -> list[str]:
         """The nodes of the graph that avatars walk along."""

@@ -251,7 +251,7 @@ class Session(Mailbox):
             role = self._roles.make(init, self.peer, lambda: not self._closed, self._log)
         except UsarsimError as error:
             self._log.warning(f"INIT failed: {error}", robot_class=init.class_name)
-            return []
+            return [messages.refused(str(error))] if init.exact_name else []
         self._selector.initialised(role.dialect, init)
         self._log = self._log.bind(robot=role.name)
         role.dialect = self._selector.current

@@ -66,6 +66,16 @@ def closest_path_node(tag: str, location: Vector) -> str:
     return line("NFO", segment("Pathnode", token(tag)), triple("Location", location, _DIGITS))
 
 
+def refused(reason: str) -> str:
+    """INIT failed, told to who asked for it by `ExactName`; no server of old says so."""
+    return line("NFO", segment("Status", "Refused"), segment("Reason", reason))
+
+
+def exact_names() -> str:
+    """This server knows the segment ExactName; no server of old says so."""
+    return line("NFO", segment("Status", "ExactNames"))
+
+
 def die(killer: str, damage_type: str) -> str:
     """The game killed the robot.
 

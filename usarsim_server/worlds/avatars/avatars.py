@@ -106,14 +106,22 @@ class Avatars:
         with self._lock:
             return next((one.name for one in self._avatars.values() if one.body == body), None)
 
-    def spawn(self, kind: AvatarClass, name: str | None, pose: Pose) -> Avatar:
+    def spawn(
+        self, kind: AvatarClass, name: str | None, pose: Pose, exact_name: bool = False
+    ) -> Avatar:
         """Put a person into the world, upright on the ground at a place or near it.
 
+        Args:
+            kind: its class.
+            name: wanted label; cleaned and made unique, invented if None.
+            pose: where.
+            exact_name: no other name will do.
+
         Raises:
-            SpawnError: if the name is too long, or there is no room or no ground.
+            SpawnError: if the name cannot be had, or there is no room or no ground.
         """
         with self._lock:
-            label = self._labels.take(name, kind.name)
+            label = self._labels.take(name, kind.name, exact_name)
         try:
             body, stance = self._settle(kind, pose)
         except BaseException:
