@@ -20,7 +20,7 @@ from statistics import fmean, median
 
 from scipy import stats
 
-from usarsim_study.dataset import Dataset, ParticipantRow, TrialRow
+from usarsim_study.dataset import Dataset, ParticipantRow, TrialRow, misread_words
 from usarsim_study.errors import StudyError
 from usarsim_study.measures import MEASURES, Measure
 from usarsim_study.statistics import (
@@ -160,6 +160,7 @@ class Analysis:
         lost: trials of those who count that have no values. repeated: that have more than one
             attempt.
         outcomes: the primary one, then secondary ones. described: all others that have values.
+        misread: by column of the tables the words that pandas and R read as missing values.
     """
 
     title: str
@@ -177,6 +178,7 @@ class Analysis:
     described: tuple[Outcome, ...]
     orders: tuple[OrderEffect, ...]
     preferences: tuple[Preference, ...]
+    misread: dict[str, tuple[str, ...]]
 
 
 def analyse(dataset: Dataset) -> Analysis:
@@ -230,6 +232,7 @@ def analyse(dataset: Dataset) -> Analysis:
         if within
         else (),
         preferences=_preferences(dataset, codes, conditions),
+        misread=misread_words(dataset),
     )
 
 

@@ -9,6 +9,7 @@ from usarsim_study.assignment import Cell, Order
 from usarsim_study.folder import Participant, StudyFolder, TrialFolder, values_of
 from usarsim_study.measures import MEASURES, Value
 from usarsim_study.measures.answers import latest_forms
+from usarsim_study.misread import in_columns
 from usarsim_study.session.steps import codes
 from usarsim_study.study_file import Study
 from usarsim_study.trial import Record
@@ -75,6 +76,25 @@ class Dataset:
     trials: tuple[TrialRow, ...]
     parts: tuple[PartRow, ...]
     answers: tuple[AnswerRow, ...]
+
+
+def misread_words(dataset: Dataset) -> dict[str, tuple[str, ...]]:
+    """By column the words that pandas and R read as missing values."""
+    return in_columns(
+        {
+            "participant": [one.participant for one in dataset.participants],
+            "condition": [one.condition for one in dataset.trials],
+            "layout": [one.layout for one in dataset.trials],
+            "reason": [
+                *(one.reason for one in dataset.participants),
+                *(one.reason for one in dataset.trials),
+            ],
+            "who": [one.who for one in dataset.parts],
+            "form": [one.form for one in dataset.answers],
+            "item": [one.item for one in dataset.answers],
+            "answer": [one.answer for one in dataset.answers],
+        }
+    )
 
 
 def collect(folder: StudyFolder) -> Dataset:

@@ -16,7 +16,8 @@ from usarsim_server.toml import read_text
 from usarsim_study.assignment import Cell
 from usarsim_study.errors import StudyError
 from usarsim_study.lines import line_of
-from usarsim_study.study_file import ALIKE, Study, alike
+from usarsim_study.misread import misread
+from usarsim_study.study_file import ALIKE, Study, alike, begun
 
 NEAR = 2.0
 """m from a victim at which a robot has reached it."""
@@ -72,6 +73,10 @@ def look(study: Study, path: Path) -> tuple[Place, ...]:
                 wrong = [error]
             if wrong:
                 raise _told(path, text, where, wrong[0], "mend the mission")
+            lost = [one.entry.name for one in staged.robots if misread(one.entry.name)]
+            if lost and not begun(path.parent):
+                problem = f"{name} has a robot {lost[0]!r}, in a table {misread(lost[0])} to pandas"
+                raise _error(path, text, where, problem, "give it another name in the mission")
             if condition.robots is not None and condition.robots > len(staged.robots):
                 place = f"[[condition]] {study.condition.index(condition) + 1} ({condition.name})"
                 problem = f"{name} has {len(staged.robots)} robots, not {condition.robots}"

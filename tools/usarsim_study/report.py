@@ -13,6 +13,7 @@ from usarsim_server.files import write_text
 from usarsim_study import plots, tables
 from usarsim_study.analysis import Analysis, Comparison, OrderEffect, Outcome, analyse
 from usarsim_study.dataset import Dataset
+from usarsim_study.misread import CURE
 from usarsim_study.page import Page
 from usarsim_study.statistics import Paired, Summary, rejects
 from usarsim_study.wording import (
@@ -52,6 +53,7 @@ class Sections(Page):
     def __init__(self, analysis: Analysis) -> None:
         super().__init__(analysis.title)
         _glance(self, analysis)
+        _words(self, analysis)
         _people(self, analysis)
         _primary(self, analysis)
         _secondary(self, analysis)
@@ -203,6 +205,16 @@ def _sentence(outcome: Outcome, one: Comparison, alpha: float) -> str:
         text += f"Mann-Whitney {p_told(one.p, alpha)}{exact}, n = {result.n[0]} and {result.n[1]}, "
         text += f"U = {result.u:g}, Cliff's delta {number(result.delta)}"
     return text + (f", Holm {p_told(one.holm, alpha)}." if one.holm is not None else ".")
+
+
+def _words(page: Page, analysis: Analysis) -> None:
+    """Which words of the tables other programs lose."""
+    for column, words in analysis.misread.items():
+        told = ", ".join(words)
+        page.paragraph(
+            f"Warning: in the column {column} of the tables pandas reads {told} as missing, and R "
+            f"reads NA so, quoted or not. This report does not; elsewhere {CURE}."
+        )
 
 
 def _people(page: Page, analysis: Analysis) -> None:

@@ -18,11 +18,12 @@ from usarsim_server.files import is_folder, is_regular
 from usarsim_server.tables import Table, nearest, suggest
 from usarsim_server.toml import parse_toml, read_text
 from usarsim_study import instruments
-from usarsim_study.assignment import Allocation, Cell, Design, Order, imbalance, orders
+from usarsim_study.assignment import ALLOCATION, Allocation, Cell, Design, Order, imbalance, orders
 from usarsim_study.errors import StudyError
 from usarsim_study.forms import Form, Item
 from usarsim_study.lines import telling_lines
 from usarsim_study.measures import names as measure_names
+from usarsim_study.misread import misread
 
 FILE = "study.toml"
 SHIPPED = Path(__file__).parent / "studies"
@@ -38,8 +39,16 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
 def _name(table: Table, key: str) -> str:
     name = table.text(key)
     if not _NAME.fullmatch(name):
+        if taken := misread(name):
+            raise table.error(key, *_misread(name, taken))
         raise table.wrong(key, name, "a name", "letters, digits, _ and -, a letter first")
     return name
+
+
+def _misread(name: str, taken: str) -> tuple[str, str]:
+    """Problem and cure of a name that programs for statistics do not read as a word."""
+    problem = f"pandas reads {name!r} in a table as {taken}, quoted or not"
+    return problem, "choose another name, such as one that says what it is"
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,8 +283,19 @@ def find_study(name: str) -> Path:
     raise StudyError(at(path, "no such study", f"{suggest(name, tuple(shipped))} or name a file"))
 
 
-def read_study(path: Path) -> Study:
+def begun(folder: Path) -> bool:
+    """Whether the study of a folder has begun: its list of assignments is written."""
+    return (folder / ALLOCATION).exists()
+
+
+def read_study(path: Path, out: Path | None = None) -> Study:
     """Read and check a study file.
+
+    Names that programs for statistics do not read as words are refused, unless the study has begun.
+
+    Args:
+        path: the file.
+        out: the folder of its sessions; None: that of the file.
 
     Raises:
         StudyError: it cannot be read, says something unknown, or the study would be unbalanced;
@@ -288,6 +308,8 @@ def read_study(path: Path) -> Study:
         study = table.read(Study)
         table.finish()
         _check_names(table, study)
+        if not begun(out or path.parent):
+            _check_words(table, study)
         _check_forms(table, study)
         _check_measures(table, study)
         _check_layouts(table, study)
@@ -324,6 +346,34 @@ def _check_names(table: Table, study: Study) -> None:
     if len(study.probe) > PROBES:
         place = f"[[probe]] {PROBES + 1}: at"
         raise table.error(place, "one probe too many", f"ask at most {PROBES} in a trial")
+
+
+def words(study: Study) -> list[tuple[str, str]]:
+    """Every name of a study that comes into tables, with its place in the file."""
+    found = []
+    for key, names in (
+        ("condition", [one.name for one in study.condition]),
+        ("layout", [one.name for one in study.layout]),
+    ):
+        for number, name in enumerate(names, start=1):
+            found.append((f"[[{key}]] {number} ({name}): name", name))
+    for number, form in enumerate(study.form, start=1):
+        place = f"[[form]] {number} ({form.name})"
+        found.append((f"{place}: name", form.name))
+        for row, item in enumerate(form.item, start=1):
+            where = f"{place}: [[item]] {row} ({item.name})"
+            found.append((f"{where}: name", item.name))
+            found += [
+                (f"{where}: [[choice]] {at} ({choice.name}): name", choice.name)
+                for at, choice in enumerate(item.choice, start=1)
+            ]
+    return found
+
+
+def _check_words(table: Table, study: Study) -> None:
+    for place, name in words(study):
+        if taken := misread(name):
+            raise table.error(place, *_misread(name, taken))
 
 
 def _check_forms(table: Table, study: Study) -> None:

@@ -17,9 +17,17 @@ from pathlib import Path
 from typing import Any, Literal
 
 from usarsim_server.files import write_text
-from usarsim_study.dataset import AnswerRow, Dataset, ParticipantRow, PartRow, TrialRow
+from usarsim_study.dataset import (
+    AnswerRow,
+    Dataset,
+    ParticipantRow,
+    PartRow,
+    TrialRow,
+    misread_words,
+)
 from usarsim_study.errors import StudyError
 from usarsim_study.measures import MEASURES
+from usarsim_study.misread import CURE
 
 PACKAGE = "datapackage.json"
 DICTIONARY = "dictionary.csv"
@@ -108,8 +116,9 @@ def write(dataset: Dataset, folder: Path) -> list[Path]:
         path = folder / f"{name}.csv"
         write_text(path, csv_text([one.name for one in columns], rows[name]))
         written.append(path)
+    misread = misread_words(dataset)
     known = [
-        (table, one.name, one.type, one.unit, one.meaning, one.source)
+        (table, one.name, one.type, one.unit, _meaning(one, misread), one.source)
         for table, columns in TABLES.items()
         for one in columns
     ]
@@ -192,8 +201,17 @@ def _value(text: str, kind: Type) -> Cellular:
     return float(text) if text else None
 
 
+def _meaning(column: Column, misread: dict[str, tuple[str, ...]]) -> str:
+    """What a column means, and which of its words programs read as missing."""
+    words = misread.get(column.name)
+    if not words:
+        return column.meaning
+    return f"{column.meaning}; WARNING: pandas reads {', '.join(words)} as missing ({CURE})"
+
+
 def _package(dataset: Dataset) -> dict[str, Any]:
     """The schema of all tables, and what the study is."""
+    misread = misread_words(dataset)
     return {
         "profile": "tabular-data-package",
         "name": "study",
@@ -210,7 +228,7 @@ def _package(dataset: Dataset) -> dict[str, Any]:
                         {
                             "name": one.name,
                             "type": one.type,
-                            "description": one.meaning,
+                            "description": _meaning(one, misread),
                             **({"unit": one.unit} if one.unit else {}),
                         }
                         for one in columns

@@ -6,7 +6,8 @@ import argparse
 from typing import TYPE_CHECKING
 
 from usarsim_server.cli.common import Subparsers, add_command, facts, table
-from usarsim_study.study_file import find_study, read_study
+from usarsim_study.misread import CURE, misread
+from usarsim_study.study_file import find_study, read_study, words
 
 if TYPE_CHECKING:
     from usarsim_study.layouts import Place
@@ -58,6 +59,9 @@ def run(arguments: argparse.Namespace) -> int:
         [number, *(f"{cell.condition} {cell.layout}" for cell in order)]
         for number, order in enumerate(study.orders, start=1)
     ]
+    for place, name in words(study):  # of a study that has begun; any other was refused
+        if taken := misread(name):
+            print(f"WARNING {place}: pandas reads {name!r} as {taken} ({CURE})")
     print()
     print(table(("sequence", *(f"trial {n}" for n in range(1, trials + 1))), rows))
     if places:

@@ -16,6 +16,7 @@ from usarsim_server.errors import UsarsimError
 from usarsim_server.files import reason
 from usarsim_study.errors import StudyError
 from usarsim_study.forms import FormState
+from usarsim_study.misread import misread
 from usarsim_study.session import screens
 from usarsim_study.session.notebook import Notebook
 from usarsim_study.session.screens import Message
@@ -357,6 +358,8 @@ class Desk:
 
     def _order(self, page: Page, said: Message) -> None:
         why = str(said.get("reason") or "")[:200]
+        if taken := misread(why):
+            raise RefusedError(f"{why!r} would be {taken} in a table: write the reason in words")
         match said.get("do"):
             case "next":
                 self._go_on()

@@ -38,7 +38,7 @@ def open_folder(name: str, out: Path | None) -> StudyFolder:
         if path.parent == SHIPPED or path.name != FILE:
             raise StudyError(f"{path}: where do its sessions go? (name a folder: --out DIR)")
         out = path.parent
-    study = read_study(path)
+    study = read_study(path, out)
     target = out / FILE
     try:
         if target.exists():
