@@ -118,8 +118,8 @@ class Drawing:
         self._middles = np.vstack([*middles, np.zeros((len(rest), 3))])
         self._radii = np.append([one.radius for one in made], model.geom_rbound[rest])
         kinds = model.geom_type[self._drawn]
-        self._radii[kinds == mujoco.mjtGeom.mjGEOM_PLANE] = np.inf
-        self._planes = self._leaders[kinds[: len(found)] == mujoco.mjtGeom.mjGEOM_PLANE]
+        self._radii[kinds == int(mujoco.mjtGeom.mjGEOM_PLANE)] = np.inf
+        self._planes = self._leaders[kinds[: len(found)] == int(mujoco.mjtGeom.mjGEOM_PLANE)]
         self._stage = stage
         self._option = mujoco.MjvOption()
 

@@ -148,15 +148,16 @@ class GlBackend:
         for flag in (_FLAGS.mjRND_REFLECTION, _FLAGS.mjRND_HAZE, _FLAGS.mjRND_FOG):
             self._scene.flags[flag] = 0
         self._scene.flags[_FLAGS.mjRND_SHADOW] = int(self._quality.shadows > 0)
-        assets = _assets(model)
+        drawn = _drawn(model, stage.groups)
+        assets = (*_assets(model), drawn.tobytes())
         if self._renderer is None or assets != self._assets:
-            self._load(model)
+            self._load(model, drawn)
             self._assets = assets
         assert self._renderer is not None
         self._drawing = Drawing(stage, self._lists, self._renderer.baseHField)
         self._stage = stage
 
-    def _load(self, model: mujoco.MjModel) -> None:
+    def _load(self, model: mujoco.MjModel, drawn: NDArray[np.bool_]) -> None:
         self._lists.clear()
         if self._renderer is not None:
             self._renderer.free()
@@ -164,7 +165,7 @@ class GlBackend:
         quality.shadowsize, quality.offsamples = self._quality.shadows, self._quality.multisample
         quality.numslices, quality.numstacks, quality.numquads = SLICES, STACKS, QUADS
         model.vis.global_.offwidth, model.vis.global_.offheight = 16, 16
-        self._renderer = _context(model)
+        self._renderer = _context(model, drawn)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._renderer)
         if self._renderer.currentBuffer != mujoco.mjtFramebuffer.mjFB_OFFSCREEN:
             raise RuntimeError(f"{self.name} has no offscreen buffer")
@@ -227,18 +228,29 @@ class GlBackend:
         return geoms[np.where(numbers <= scene.ngeom, numbers, 0)]
 
 
-def _context(model: mujoco.MjModel) -> mujoco.MjrContext:
-    """MuJoCo's renderer for a model, textures and all.
+def _drawn(model: mujoco.MjModel, groups: NDArray[np.signedinteger]) -> NDArray[np.bool_]:
+    """Which meshes (nmesh,) are those of a geom that is drawn, by the groups (ngeom,) of all."""
+    drawn = np.zeros(model.nmesh, bool)
+    meshes = model.geom_dataid[(model.geom_type == int(mujoco.mjtGeom.mjGEOM_MESH)) & (groups <= 2)]
+    drawn[meshes[meshes >= 0]] = True
+    return drawn
+
+
+def _context(model: mujoco.MjModel, drawn: NDArray[np.bool_]) -> mujoco.MjrContext:
+    """MuJoCo's renderer for a model, textures and all; without meshes that are not drawn.
 
     While it is made nothing else of the process runs, physics neither: 120 ms for the textures of
     `arena`. They are loaded after it, for others run while one is.
     """
     width, height = model.tex_width.copy(), model.tex_height.copy()
+    faces, graphs = model.mesh_facenum.copy(), model.mesh_graphadr.copy()
     model.tex_width[:] = model.tex_height[:] = 1
+    model.mesh_facenum[~drawn], model.mesh_graphadr[~drawn] = 0, -1
     try:
         made = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
     finally:
         model.tex_width[:], model.tex_height[:] = width, height
+        model.mesh_facenum[:], model.mesh_graphadr[:] = faces, graphs
     for texture in range(model.ntex):
         mujoco.mjr_uploadTexture(model, made, texture)
     return made

@@ -284,7 +284,7 @@ class Primitives:
 
     def _sky(self) -> Message:
         types = self._model.tex_type[: self._model.ntex]
-        if not (types == mujoco.mjtTexture.mjTEXTURE_SKYBOX).any():
+        if not (types == int(mujoco.mjtTexture.mjTEXTURE_SKYBOX)).any():
             return {}
         paint, colors = Paint(self._model), []
         around = np.linspace(0.0, math.tau, 16, endpoint=False)

@@ -111,20 +111,18 @@ def named_viewpoints(
 def _bounds(stage: Stage, starts: list[Pose]) -> tuple[Array, Array]:
     """Corners of the box that holds everything that does not move, planes left out."""
     model, data = stage.model, stage.data
-    corners = []
-    for geom in range(model.ngeom):
-        fixed = model.body_weldid[model.geom_bodyid[geom]] == 0
-        plane = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
-        if not fixed or plane or model.geom(geom).name == SHELF_NAME:
-            continue
-        turn = data.geom_xmat[geom].reshape(3, 3)
-        middle = data.geom_xpos[geom] + turn @ model.geom_aabb[geom, :3]
-        half = np.abs(turn) @ model.geom_aabb[geom, 3:]
-        corners += [middle - half, middle + half]
-    if not corners:
+    counts = model.body_weldid[model.geom_bodyid] == 0
+    counts &= model.geom_type != int(mujoco.mjtGeom.mjGEOM_PLANE)
+    shelf = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, SHELF_NAME)
+    if shelf >= 0:
+        counts[shelf] = False
+    if not counts.any():
         around = np.array([pose.position for pose in starts] or [(0.0, 0.0, 0.0)])
-        corners = [around.min(axis=0) - _ALONE, around.max(axis=0) + _ALONE]
-    return np.min(corners, axis=0), np.max(corners, axis=0)
+        return around.min(axis=0) - _ALONE, around.max(axis=0) + _ALONE
+    turns, boxes = data.geom_xmat[counts].reshape(-1, 3, 3), model.geom_aabb[counts]
+    middles = data.geom_xpos[counts] + np.einsum("nij,nj->ni", turns, boxes[:, :3])
+    halves = np.einsum("nij,nj->ni", np.abs(turns), boxes[:, 3:])
+    return (middles - halves).min(axis=0), (middles + halves).max(axis=0)
 
 
 def _top(lower: Array, upper: Array, aspect: float) -> Viewpoint:

@@ -153,7 +153,7 @@ def _extent(
     turns = data.geom_xmat.reshape(-1, 3, 3)
     middles = data.geom_xpos + np.einsum("nij,nj->ni", turns, model.geom_aabb[:, :3])
     halves = np.einsum("nij,nj->ni", np.abs(turns), model.geom_aabb[:, 3:])
-    stands = model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE
+    stands = model.geom_type != int(mujoco.mjtGeom.mjGEOM_PLANE)
     stands &= (model.body_weldid[model.geom_bodyid] == 0) & (middles[:, 2] < _HIGH)
     here = np.array(source)
     if stands.any():

@@ -238,7 +238,7 @@ def _free_trees(model: mujoco.MjModel) -> tuple[NDArray[np.bool_], Numbers, Arra
     mujoco.mj_kinematics(model, data)
     free = np.zeros(model.nbody, dtype=bool)
     places, reach = [], []
-    for joint in np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE):
+    for joint in np.flatnonzero(model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)):
         root = model.jnt_bodyid[joint]
         free |= model.body_rootid == root
         geoms = np.flatnonzero(model.body_rootid[model.geom_bodyid] == root)

@@ -243,7 +243,7 @@ class Hands(Part):
 
     def _feel(self, data: mujoco.MjData, hand: _Hand) -> None:
         rows = np.flatnonzero(
-            (data.efc_type[: data.ne] == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+            (data.efc_type[: data.ne] == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY))
             & (data.efc_id[: data.ne] == hand.tie)
         )
         force = data.efc_force[rows[:3]] if rows.size else np.zeros(3)

@@ -257,7 +257,7 @@ class JointServos(Servos):
         rows = slice(data.ne, data.ne + data.nf)
         dofs, forces = data.efc_id[rows], data.efc_force[rows]
         if self._tendons:
-            real = data.efc_type[rows] == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
+            real = data.efc_type[rows] == int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)
             dofs, forces = dofs[real], forces[real]
         self._torque[dofs] = forces
 

@@ -48,7 +48,7 @@ class Presence:
         model = world.model
         hidden = {model.body(name).id for name in (*own, *fixtures)}
         slots = {body for layout in world.layouts for body in layout.bodies}
-        free = model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE].tolist()
+        free = model.jnt_bodyid[model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)].tolist()
         placed = np.flatnonzero(model.body_mocapid >= 0).tolist()
         # One body for the robot, person or thing that a body is a part of; robots in all
         # generations the same.

@@ -35,7 +35,7 @@ def improve_trees(model: mujoco.MjModel, apart: int) -> None:
         model: just compiled.
         apart: the number of a geom, far from all others, that stands at the top like a plane.
     """
-    top = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+    top = model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)
     top[apart] = True
     chosen = (model.body_geomnum >= FEWEST) & (model.body_geomnum <= MOST)
     for number, body in enumerate(np.flatnonzero(chosen).tolist(), start=1):

@@ -102,7 +102,7 @@ class Placement(_Judge):
         hollow = (self._model.geom_contype | self._model.geom_conaffinity) == 0
         self._model.geom_rgba[hollow, 3] = 0.0
         self._model.geom_matid[hollow] = -1
-        self._floors = np.flatnonzero(self._model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
+        self._floors = np.flatnonzero(self._model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE))
         # MuJoCo's rays pass a plane beyond what is drawn of it; contacts know no such end.
         self._model.geom_size[self._floors, :2] = 0.0
         mujoco.mj_kinematics(self._model, self._data)
@@ -416,7 +416,7 @@ class Fitting(_Judge):
             yield_interpreter()
             for other in self._near(geom, own):
                 if self._distance(geom, other) < -TOLERATED:
-                    name = geom_names(self._model)[other] or "something nameless"
+                    name = geom_names(self._world.model)[other] or "something nameless"
                     raise SpawnError(f"the place is blocked by {name}")
         return pose
 
@@ -424,7 +424,7 @@ class Fitting(_Judge):
     def _model(self) -> mujoco.MjModel:
         model = changeable(self._world.model, "geom_type", "geom_size")
         # A capsule whose axis is inside a box counts as touching it only (MuJoCo 3.17).
-        capsules = model.geom_type == mujoco.mjtGeom.mjGEOM_CAPSULE
+        capsules = model.geom_type == int(mujoco.mjtGeom.mjGEOM_CAPSULE)
         model.geom_type[capsules] = mujoco.mjtGeom.mjGEOM_CYLINDER
         model.geom_size[capsules, 1] += CAPSULE_END * model.geom_size[capsules, 0]
         return model
@@ -449,7 +449,7 @@ class Fitting(_Judge):
         """How far (m) a thing has to rise to be above all level endless floors."""
         model, data = self._model, self._data
         depth = 0.0
-        for plane in self._solid[model.geom_type[self._solid] == mujoco.mjtGeom.mjGEOM_PLANE]:
+        for plane in self._solid[model.geom_type[self._solid] == int(mujoco.mjtGeom.mjGEOM_PLANE)]:
             if data.geom_xmat[plane][8] < 1.0 - 1e-6:
                 continue
             for geom in own:
@@ -462,7 +462,7 @@ class Fitting(_Judge):
         others = self._solid[~np.isin(self._solid, own)]
         offset = data.geom_xpos[others] - data.geom_xpos[geom]
         gap = np.linalg.norm(offset, axis=1) - model.geom_rbound[others]
-        for index in np.flatnonzero(model.geom_type[others] == mujoco.mjtGeom.mjGEOM_PLANE):
+        for index in np.flatnonzero(model.geom_type[others] == int(mujoco.mjtGeom.mjGEOM_PLANE)):
             gap[index] = abs(offset[index] @ data.geom_xmat[others[index]].reshape(3, 3)[:, 2])
         near: NDArray[np.intp] = others[gap < model.geom_rbound[geom]]
         return near

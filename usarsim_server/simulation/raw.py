@@ -31,6 +31,8 @@ _ALIGNED = 64
 _WORD = 8
 _PAGE = 2 << 20
 """Bytes of a large page of memory, as Linux has them."""
+_NAMES_OF_MANY = ("name_geomadr", "name_meshadr")
+"""Where names begin of what there is most of."""
 _LARGE_PAGES = 14
 """MADV_HUGEPAGE: a model of 200 MB has 55,000 small pages, and each costs the kernel some time."""
 _SAMPLE = """<mujoco><asset><mesh name="m" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset><worldbody>
@@ -137,10 +139,18 @@ def copied(model: mujoco.MjModel) -> mujoco.MjModel:
 
 def changeable(model: mujoco.MjModel, *names: str) -> mujoco.MjModel:
     """A model with options and some arrays of its own; all others are those of another one, which
-    has to live longer. Of a small one a copy of all."""
+    has to live longer. Of a small one a copy of all.
+
+    Geoms and meshes of a large one have no names there: the package makes tables of all names for
+    every model, and for every state of it.
+    """
     if not understood() or mujoco.mj_sizeModel(model) < _PAGE:
         return model.__copy__()
-    return RawModel.of(model).model(lent=fields()[1].keys() - set(names))
+    file = RawModel.of(model)
+    nowhere = file.sizes["nnames"] - 1  # the end of the last name
+    for name in _NAMES_OF_MANY:
+        file.rows[name] = [np.full(len(file.rows[name][0]), nowhere, np.int32)]
+    return file.model(lent=fields()[1].keys() - {*names, *_NAMES_OF_MANY})
 
 
 @cache

@@ -76,7 +76,7 @@ class Servos(Part):
         shift = self._shift[data.efc_id[rows]]
         shift *= data.efc_KBIP[rows, 1]
         if self._tendons:  # their friction losses stand in the same rows
-            shift[data.efc_type[rows] != mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF] = 0.0
+            shift[data.efc_type[rows] != int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)] = 0.0
         reference = data.efc_aref[rows]
         reference += shift
 

@@ -29,6 +29,8 @@ _ROOM = 2
 """Places that this table has for each element."""
 _SEED, _FACTOR = 5381, 33
 """Of the sum of a name, which says where in the table it is looked for first."""
+_NONE = np.uint64(2**64 - 1)
+"""Stands for the sum of no name."""
 _BEGINS = {
     "geom_dataid": "nmesh",
     "name_geomadr": "nnames",
@@ -129,6 +131,10 @@ class FixedPart:
         }
         self.count = self._sizes["ngeom"]
         self.size = sum(one.nbytes for one in (*self._rows.values(), *self._inner))
+        self._sums = {
+            kind: _sums_of_names(self._rows["names"], self._rows[f"name_{kind}adr"])
+            for kind in ("geom", "mesh")
+        }
         self.names = frozenset(_names(self._rows["names"], self._rows["name_geomadr"]))
 
     def into(self, model: mujoco.MjModel) -> mujoco.MjModel:
@@ -141,6 +147,13 @@ class FixedPart:
         rows, own = file.rows, int(model.body_geomnum[0])
         _count_geoms_on(file, own, self.count, self._masks)
         self._insert_boxes(file, own)
+        known = {
+            kind: _sums_of_names(file.whole("names"), file.whole(f"name_{kind}adr"))
+            for kind in _NAMED
+        }
+        for kind, sums in self._sums.items():
+            begin = own if kind == "geom" else len(known[kind])
+            known[kind] = np.concatenate((known[kind][:begin], sums, known[kind][begin:]))
         where = {}
         for name, counted in _bulk_columns().items():
             added, old = self._rows[name], file.whole(name)
@@ -157,7 +170,7 @@ class FixedPart:
         for name, number in self._largest.items():
             file.sizes[name] = max(file.sizes[name], number)
         file.sizes["narena"] += ARENA * self.count
-        rows["names_map"] = _table_of_names(file)
+        rows["names_map"] = [_places_of_names(known[kind]) for kind in _NAMED]
         file.sizes["nnames_map"] = sum(map(len, rows["names_map"]))
         joined = file.model()
         # What is the same in both is kept once.
@@ -223,7 +236,7 @@ def _check_fixed(file: RawModel) -> None:
     """
     if file.sizes["nbody"] != 1 or not file.sizes["ngeom"] or any(file.sizes[n] for n in _OTHERS):
         raise ValueError("there is something else than fixed geoms and meshes")
-    if (file.whole("geom_type") == mujoco.mjtGeom.mjGEOM_PLANE).any():
+    if (file.whole("geom_type") == int(mujoco.mjtGeom.mjGEOM_PLANE)).any():
         raise ValueError("there is an endless plane")
 
 
@@ -259,28 +272,34 @@ def _names(text: Rows, places: Rows) -> list[str]:
     return [name.decode() for name in found if name]
 
 
-def _table_of_names(file: RawModel) -> list[Rows]:
-    """MuJoCo's table by which elements are found by their names."""
-    text = np.append(file.whole("names"), np.zeros(1, np.uint8))
-    return [_places_of_names(text, file.whole(f"name_{kind}adr")) for kind in _NAMED]
-
-
-def _places_of_names(text: Rows, begins: Rows) -> NDArray[np.int32]:
-    """The part of one kind: numbers of elements, where their names are looked for, else -1."""
-    room = _ROOM * len(begins)
-    table = np.full(room, -1, np.int32)
-    named = np.flatnonzero(text[begins] != 0) if len(begins) else begins
-    if not len(named):
-        return table
-    sums = np.full(len(named), _SEED, np.uint64)
-    at = begins[named].astype(np.int64)
-    going = np.arange(len(named))
+def _sums_of_names(text: Rows, begins: Rows) -> NDArray[np.uint64]:
+    """What MuJoCo makes of the names (n,) that begin at some places of a text; for none `_NONE`."""
+    sums = np.full(len(begins), _SEED, np.uint64)
+    if not len(begins):
+        return sums
+    text = np.append(text, np.zeros(1, np.uint8))
+    at = begins.astype(np.int64)
+    going = np.arange(len(begins))
+    nameless = text[at] == 0
     while len(going):
         letters = text[at[going]]
         going = going[letters != 0]
         signed = text[at[going]].astype(np.int8).astype(np.int64).astype(np.uint64)
         sums[going] = (sums[going] * np.uint64(_FACTOR)) ^ signed
         at[going] += 1
+    sums[nameless] = _NONE
+    return sums
+
+
+def _places_of_names(sums: NDArray[np.uint64]) -> NDArray[np.int32]:
+    """The part of one kind in MuJoCo's table by which elements are found by their names: numbers
+    of elements, where their names are looked for, else -1."""
+    room = _ROOM * len(sums)
+    table = np.full(room, -1, np.int32)
+    named = np.flatnonzero(sums != _NONE)
+    if not len(named):
+        return table
+    sums = sums[named]
     # Who finds a place taken takes the next free one. Who comes to the end begins in front.
     wanted = (sums % np.uint64(room)).astype(np.int64)
     while True:

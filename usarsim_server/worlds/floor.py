@@ -127,7 +127,7 @@ class Ground:
         mujoco.mj_kinematics(model, data)
         solid = (model.geom_contype | model.geom_conaffinity) != 0
         solid &= model.body_weldid[model.geom_bodyid] == 0
-        flat = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+        flat = model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)
         geoms = np.flatnonzero(solid & ~flat).tolist()
         faces, _ = triangles_of_all(model, geoms, data.geom_xpos, data.geom_xmat)
         self._scene = TriangleScene([(0, faces)])

@@ -27,7 +27,7 @@ from usarsim_server.simulation.frames import Array
 from usarsim_server.simulation.ground import Surface
 from usarsim_server.simulation.motion_laws import add_bounds
 from usarsim_server.simulation.splice import FixedPart
-from usarsim_server.world_cost import LARGE, LIMITS, WorldLimits, check_cost, cost_of
+from usarsim_server.world_cost import LARGE, LIMITS, WorldLimits, check_scene
 from usarsim_server.worlds.description import SmokeVolume, WorldDescription
 from usarsim_server.worlds.loader import find_world, load_world
 from usarsim_server.worlds.machinery.bodies import add_machinery
@@ -95,8 +95,7 @@ def build_in_parts(
     """
     _look_through(world, allow_outside)
     try:
-        cost = cost_of(world.scene)
-        check_cost(cost, limits, world.scene, "", WorldError)
+        cost = check_scene(world.scene, limits, WorldError)
         told = _log.warning if cost.pieces >= LARGE else _log.debug
         told("what the world costs", world=world.name, cost=cost.text())
         parts = read_apart(world.scene)

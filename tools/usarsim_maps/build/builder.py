@@ -124,10 +124,22 @@ def build(
         low, high = (lower - MARGIN).tolist(), (upper + MARGIN).tolist()
         limits = (low[0], low[1], low[2]), (high[0], high[1], high[2])
     lights = chosen_lights(scene.lights, findings)
+
+    def bound() -> None:
+        """Refuse too many pieces before even more of them are made."""
+        if emitter.pieces > most.pieces:
+            cost, source = emitter.cost(), scene.source.path
+            check_cost(cost, most, source, emitter.largest(), MapImportError, whole=False)
+
+    def cut(part: float) -> None:
+        progress("brushes", part)
+        bound()
+
     objects = ObjectBuilder(scene, emitter, names, findings)
     for number, thing in enumerate(scene.objects):
         progress("objects", number / len(scene.objects))
         objects.add(thing)
+        bound()
     objects.finish()
     for field in scene.heightfields:
         add_heightfield(emitter, field, names, findings)
@@ -140,17 +152,15 @@ def build(
             glows(lights),
             names,
             findings,
-            lambda part: progress("brushes", part),
+            cut,
         )
     brushes = [NamedObject(brush.name, brush.name, brush.tag, "Brush") for brush in scene.brushes]
     progress("scene", 0.0)
-    cost = emitter.cost()
-    check_cost(cost, most, scene.source.path, emitter.largest(), MapImportError)
+    cost, largest = emitter.cost(), emitter.largest()
+    check_cost(cost, most, scene.source.path, largest, MapImportError)
     findings.fact("to serve", cost.text())
     if cost.pieces >= LARGE:
-        findings.warn(
-            "pieces", f"{emitter.largest()}; a sidecar can leave them out or coarsen them"
-        )
+        findings.warn("pieces", f"{largest}; a sidecar can leave them out or coarsen them")
     emitter.write(folder.name, lamps(lights), max(extent, 1.0), (lower + upper) / 2.0)
     probe = Probe(folder / "scene.xml", scene.source.path)
     progress("scene", 0.7)

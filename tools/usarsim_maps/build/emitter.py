@@ -7,9 +7,7 @@ goes through all that is there, so files are few.
 
 from __future__ import annotations
 
-import re
 import struct
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,7 +29,7 @@ from usarsim_maps.build.pieces import (
 from usarsim_maps.build.sheet import safe
 from usarsim_maps.scene import Array
 from usarsim_server.simulation.frames import IDENTITY, Pose
-from usarsim_server.world_cost import WorldCost
+from usarsim_server.world_cost import SOLID, WorldCost, most_pieces, owners_in
 
 CHUNK = 4000
 """Solid geoms per file. 20,001 of them, and as many that are seen, are read in 1.6 s; in files of
@@ -46,17 +44,8 @@ FELT = {"group": 3, "rgba": "0.5 0.6 0.7 1"}
 BASE = 1.0
 """m of solid ground below the lowest point of a height field."""
 
-SOLID = ".solid"
-"""What follows the name of a thing in the names of its pieces."""
-
-TOLD = 5
-"""Things named that have most of the pieces."""
-
 NEAR = 0.02
 """m before a camera where nothing is drawn."""
-
-
-_NUMBER = re.compile(r"[-_.\s]*\d+$")
 
 
 def attributes(values: Mapping[str, object]) -> str:
@@ -101,9 +90,11 @@ class Emitter:
     _world: list[str] = field(default_factory=list)
     _solids: list[tuple[Convex, Pose, dict[str, object]]] = field(default_factory=list)
     _meshes: dict[int, list[tuple[str, Array, str]]] = field(default_factory=dict)
+    _faces: dict[str, int] = field(default_factory=dict)  # triangles of these
     _keep: list[object] = field(default_factory=list)
     _fields: dict[int, str] = field(default_factory=dict)
-    _owners: Counter[str] = field(default_factory=Counter)
+    _lines: int = 0  # geoms in those for the world body
+    _triangles: int = 0  # seen, those of every copy counted
     _files: int = 0
     _hulls: int = 0
 
@@ -125,6 +116,7 @@ class Emitter:
             name = f"m{self._files}"
             self._assets.append(f'<mesh name="{name}" file="{file}" inertia="shell"/>')
             entries.append((name, middle, look.material))
+            self._faces[name] = len(look.corners)
         self._meshes[id(owner)] = entries
         self._keep.append(owner)
 
@@ -155,18 +147,20 @@ class Emitter:
                 "mass": 0 if massless else None,
             }
             lines.append(f"<geom{attributes(values)}/>")
+            self._triangles += self._faces[mesh]
         return lines
 
     def add_world(self, lines: Iterable[str]) -> None:
         """Lines for the world body."""
-        self._world.extend(lines)
+        for line in lines:
+            self._world.append(line)
+            self._lines += line.count("<geom")
 
     # ---- what is felt ----------------------------------------------------------------------
 
     def add_solid(self, piece: Piece, pose: Pose, friction: float, name: str | None) -> None:
         """A fixed piece; `pose` is that of its frame in the world."""
         values = {"name": name, "friction": friction, **FELT}
-        self._owners[(name or "").rsplit(SOLID, 1)[0]] += 1
         if isinstance(piece, FieldPiece):
             self.add_world([self._field_geom(piece, pose, values)])
         else:
@@ -207,30 +201,26 @@ class Emitter:
             return f"<geom{attributes({'type': 'mesh', 'mesh': name, **values})}/>"
         return _box_geom(piece, IDENTITY, values)
 
+    @property
+    def pieces(self) -> int:
+        """Geoms so far."""
+        return len(self._solids) + self._lines
+
     def cost(self) -> WorldCost:
-        """What will be written."""
+        """What will be written, as far as it is known."""
         hulls = {id(piece): piece for piece, _, _ in self._solids if isinstance(piece, HullPiece)}
-        geoms = len(self._solids) + sum(line.count("<geom") for line in self._world)
         points = sum(len(hull.points) for hull in hulls.values())
         files = (self.folder / "meshes").glob("*")
-        return WorldCost(geoms, len(hulls), points, sum(file.stat().st_size for file in files))
+        size = sum(file.stat().st_size for file in files)
+        return WorldCost(self.pieces, len(hulls), points, size, self._triangles)
 
     def largest(self) -> str:
-        """What has most of the solid pieces, for people; things of one name and other numbers are
-        one."""
-        pieces: Counter[str] = Counter()
-        things: Counter[str] = Counter()
-        for owner, count in self._owners.items():
-            stem = _NUMBER.sub("", owner) or owner
-            pieces[stem] += count
-            things[stem] += 1
-        told = (
-            f"{stem}* ({count:,} in {things[stem]:,} things)"
-            if things[stem] > 1
-            else f"{stem} ({count:,})"
-            for stem, count in pieces.most_common(TOLD)
+        """What has most of the pieces, for people."""
+        owners = owners_in("".join(self._world).encode())
+        owners.update(
+            str(values["name"] or "").rsplit(SOLID, 1)[0] for _, _, values in self._solids
         )
-        return "most pieces: " + ", ".join(told)
+        return most_pieces(owners)
 
     # ---- writing ---------------------------------------------------------------------------
 

@@ -20,7 +20,9 @@ from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Array, LightKind, Scene
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy, rpy_from_quaternion
+from usarsim_server.simulation.raw import changeable
 from usarsim_server.worlds.description import StartPose
+from usarsim_server.worlds.solids import read_apart
 from usarsim_server.worlds.victims import PELVIS_HEIGHT
 
 OUTSIDE, FAR_LIGHT = 40.0, 1000.0
@@ -364,11 +366,13 @@ class Probe:
     def __init__(self, scene: Path, source: Path) -> None:
         """Compile; `MapImportError` if MuJoCo refuses the scene."""
         try:
-            spec = mujoco.MjSpec.from_file(str(scene))
+            parts = read_apart(scene)
+            spec, fixed = parts or (mujoco.MjSpec.from_file(str(scene)), None)
             ball = spec.worldbody.add_body(name=BALL, pos=[0.0, 0.0, 1e4])
             ball.add_freejoint()  # what cannot move does not touch what cannot move
             ball.add_geom(name=BALL, type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.1, 0.0, 0.0])
-            self.model: mujoco.MjModel = spec.compile()
+            model: mujoco.MjModel = spec.compile()
+            self.model = model if fixed is None else fixed.into(model)
         except ValueError as error:
             text = " ".join(str(error).split()).removeprefix("Error: ")
             cure = "report this map; --sidecar can exclude the object that is named"
@@ -377,7 +381,7 @@ class Probe:
         self._data = mujoco.MjData(model)
         mujoco.mj_forward(model, self._data)
         self._ball_geom = model.geom(BALL).id
-        self._rays: mujoco.MjModel = model.__copy__()
+        self._rays = changeable(model, "geom_rgba", "geom_matid")
         hollow = (model.geom_contype | model.geom_conaffinity) == 0
         hollow[self._ball_geom] = True
         self._rays.geom_rgba[hollow, 3] = 0.0

@@ -235,14 +235,14 @@ def triangles_of_all(
     """
     chosen = np.asarray(geoms, dtype=np.intp)
     turns = turns.reshape(-1, 3, 3)
-    boxes = chosen[model.geom_type[chosen] == mujoco.mjtGeom.mjGEOM_BOX]
+    boxes = chosen[model.geom_type[chosen] == int(mujoco.mjtGeom.mjGEOM_BOX)]
     unit = _box(np.ones(3)).reshape(-1, 3)
     corners = np.einsum("gij,gkj->gki", turns[boxes], unit * model.geom_size[boxes][:, None])
     corners += positions[boxes][:, None]
     found = [corners.reshape(-1, 3, 3)]
     owners = [np.repeat(boxes, len(unit) // 3)]
     local: dict[int, Array] = {}
-    for geom in chosen[model.geom_type[chosen] != mujoco.mjtGeom.mjGEOM_BOX].tolist():
+    for geom in chosen[model.geom_type[chosen] != int(mujoco.mjtGeom.mjGEOM_BOX)].tolist():
         data = int(model.geom_dataid[geom])
         if data >= 0 and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
             if data not in local:
