@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import tomllib
 from dataclasses import replace
 from importlib.metadata import EntryPoint
@@ -290,6 +292,33 @@ def test_what_is_missing_costs_what_it_is_for() -> None:
     assert optional.mark is Mark.NOTE
     assert ".usdz" in optional.text
     assert (optional.cure or "").endswith("-m pip install 'usd-core>=24.8'")
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda one: one.name)
+def test_what_is_not_installed_is_told_alike(package: Package) -> None:
+    """As Python says it of each library: an extra is a note, whatever module of it is imported."""
+    name = package.module.partition(".")[0]
+    script = (
+        "import importlib, json, sys\n"
+        f"sys.modules.pop({name!r}, None)\n"
+        "class Gone:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        f"        if name.partition('.')[0] == {name!r}:\n"
+        "            raise ModuleNotFoundError(f'No module named {name!r}', name=name)\n"
+        "sys.meta_path.insert(0, Gone())\n"
+        "try:\n"
+        f"    importlib.import_module({package.module!r})\n"
+        "except ModuleNotFoundError as error:\n"
+        "    print(error.name)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", script], capture_output=True, text=True, check=True
+    )
+    missing = done.stdout.strip()
+    finding = judge_package(package, Outcome(failure="no", missing=missing))
+    assert finding.mark is (Mark.NOTE if package.optional else Mark.PROBLEM)
+    assert "not installed" in finding.text
+    assert package.requirement in (finding.cure or "")
 
 
 def test_what_is_broken_is_installed_again() -> None:

@@ -132,7 +132,8 @@ def judge_python(version: tuple[int, ...], executable: str) -> Finding:
 def judge_package(package: Package, outcome: Outcome) -> Finding:
     """What to say of a library after the trial to import it."""
     bad = Mark.NOTE if package.optional else Mark.PROBLEM
-    if outcome.missing is not None and outcome.missing.partition(".")[0] == package.module:
+    # Of `lxml.etree` Python misses `lxml`; a part of what is there that is missing is a fault.
+    if outcome.missing is not None and outcome.missing == package.module.partition(".")[0]:
         text = f"{'optional, ' if package.optional else ''}not installed: {_loss(package)}"
         return Finding(package.name, bad, text, pip(package.requirement))
     if outcome.failure is not None:
