@@ -223,7 +223,12 @@ async def test_the_experimenter_sees_and_orders(stage: Stage) -> None:
         assert await page.text_content("[data-fact=time]") == "05:18"
         assert await page.get_attribute("[data-seats] li:nth-child(2)", "data-connected") == "false"
         await page.select_option("[data-field=inject]", "link_drops")
-        await page.fill("[data-field=whom]", "R2")
+        assert await page.text_content("[data-fact=step]") == "trial 2 of 4"
+        assert await page.text_content("[data-fact=next]") == "the form workload after trial 2"
+        assert await page.locator("[data-do=pass-training]").is_hidden()
+        shown = await page.locator("[data-field=whom] option").all_text_contents()
+        assert shown == ["R1", "R2", "R3", "R4"]
+        await page.select_option("[data-field=whom]", "R2")
         await page.fill("[data-field=lasts]", "20")
         await page.click("[data-do=inject]")
         await page.wait_for_selector("[data-notice]:has-text('done: inject')")

@@ -100,9 +100,10 @@ def _look_at_files(study: Study, path: Path, text: str) -> None:
             except UsarsimError as error:
                 where = f"[[condition]] {number} ({condition.name}): impair"
                 raise _told(path, text, where, error, "mend the file") from None
-    if study.consent and not is_regular(path.parent / study.consent):
-        problem = f"{study.consent} is not there"
-        raise _error(path, text, "consent", problem, "name a text file beside the study file")
+    if study.consent_file and not is_regular(path.parent / study.consent_file):
+        problem = f"{study.consent_file} is not there"
+        cure = 'name a text file beside the study file, or write consent = """ and the text'
+        raise _error(path, text, "consent", problem, cure)
 
 
 def _look_at_training(study: Study, path: Path, text: str) -> None:

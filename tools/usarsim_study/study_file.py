@@ -30,6 +30,8 @@ SHIPPED = Path(__file__).parent / "studies"
 """Folder of the studies that come along."""
 ALIKE = 0.10
 """Layouts may differ by this share in the length of the way and in occlusion."""
+LONGEST_PAGE = 10_000
+"""Characters of a welcome, or of a consent."""
 PROBES = 3
 """Freeze probes of a trial at most."""
 
@@ -43,6 +45,18 @@ def _name(table: Table, key: str) -> str:
             raise table.error(key, *_misread(name, taken))
         raise table.wrong(key, name, "a name", "letters, digits, _ and -, a letter first")
     return name
+
+
+def _paragraphs(table: Table, key: str) -> str:
+    """A text of one line or several."""
+    text = table.raw(key)
+    if not isinstance(text, str):
+        raise table.wrong(key, text, "a text", 'it in quotes, or in """ if it has several lines')
+    if len(text) > LONGEST_PAGE:
+        raise table.error(key, f"has {len(text)} characters", f"write at most {LONGEST_PAGE}")
+    if not all(one.isprintable() or one == "\n" for one in text):
+        raise table.error(key, "has control characters", "write lines of printable text")
+    return text
 
 
 def _misread(name: str, taken: str) -> tuple[str, str]:
@@ -198,7 +212,19 @@ class Study:
     design: Design = field(default="within", help="each participant meets all conditions, or one")
     blind: bool = field(default=False, help="pages and participants' files name no condition")
     alpha: float = field(default=0.05, above=0.0, high=0.5, help="level of the tests")
-    consent: str = field(default="", help="text file that is shown first")
+    welcome: str = field(
+        default="",
+        parse=_paragraphs,
+        expects="a text",
+        help="is shown first; blank lines part paragraphs, as in `consent`",
+    )
+    consent: str = field(
+        default="",
+        parse=_paragraphs,
+        expects="a text",
+        help="what participants agree to before anything else: a text of several lines, or the "
+        "name of a text file",
+    )
     condition: tuple[Condition, ...] = field(default=(), help="what is compared")
     layout: tuple[Layout, ...] = field(default=(), help="where")
     training: Training | None = field(default=None, help="before the first trial")
@@ -206,6 +232,11 @@ class Study:
     probe: tuple[Probe, ...] = field(default=(), help="at most three in a trial")
     orders: tuple[Order, ...] = ()
     """Sequences of trials, all to be used equally often."""
+
+    @property
+    def consent_file(self) -> str:
+        """Name of the file with the consent; empty: there is none, or the text stands here."""
+        return "" if "\n" in self.consent else self.consent
 
     @property
     def allocation(self) -> Allocation:

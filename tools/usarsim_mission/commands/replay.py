@@ -31,6 +31,11 @@ def add_parser(subparsers: Subparsers) -> None:
         help="the only one that drove, of a run whose log does not say it (of a blind study)",
     )
     parser.add_argument(
+        "--unattended",
+        choices=("stop", "hold", "patrol", "explore"),
+        help="what robots did that nobody drove, of such a run, if its condition says it",
+    )
+    parser.add_argument(
         "--robots", metavar="DIR", type=Path, action="append", default=[],
         help="folder with further robot files; may be repeated",
     )  # fmt: skip
@@ -54,7 +59,10 @@ def _run(arguments: argparse.Namespace, out: Path) -> int:
 
     async def play() -> None:
         results.append(
-            await replay(arguments.folder, out, tuple(arguments.robots), arguments.device)
+            await replay(
+                *(arguments.folder, out, tuple(arguments.robots)),
+                *(arguments.device, arguments.unattended),
+            )
         )
 
     asyncio.run(until_interrupted(play()))

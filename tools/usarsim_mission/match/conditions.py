@@ -35,7 +35,8 @@ class Conditions:
             it, a scripted operator acts at this simulated instant.
         operators: how many people drive; None: as the team says.
         device: `any`, or the only one that drives: `keyboard`, `gamepad`.
-        tells_device: the log names it; not in a blind study, whose files must not.
+        tells_device: the files of the run say it, and `unattended`; not in a blind study, whose
+            files must not.
         split: whose robot it is, by its name: 1 for the first operator; robots that are not named
             are everybody's (`usarsim_operator.allowance.halves` deals them out).
         robots: only the first so many of the mission; None: all.
@@ -93,7 +94,8 @@ class Conditions:
         if not 0 < count <= len(staged.robots):
             name, there = staged.scenario.name, len(staged.robots)
             raise MissionError(f"{name} has {there} robots, not {count} (name a smaller number)")
-        more = {} if self.unattended is None else {"unattended": self.unattended}
+        told = self.unattended is not None and self.tells_device
+        more = {"unattended": self.unattended} if told else {}
         members = tuple(self._told(one) for one in staged.robots[:count])
         content = {**(staged.scenario.content or {})}
         content["robot"] = [{**one, **more} for one in content.get("robot", [])[:count]]

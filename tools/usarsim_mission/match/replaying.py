@@ -102,13 +102,18 @@ def read_logged(folder: Path) -> Logged:
 
 
 async def replay(
-    folder: Path, out: Path, robots: tuple[Path, ...] = (), device: str | None = None
+    folder: Path,
+    out: Path,
+    robots: tuple[Path, ...] = (),
+    device: str | None = None,
+    unattended: str | None = None,
 ) -> dict[str, Any]:
     """Play a run again, as fast as it goes.
 
     Args:
         folder: of the run. out: of the new one. robots: folders with further classes.
         device: the only one that drove, of a run whose log does not say it.
+        unattended: what robots did that nobody drove, of such a run; None: as its mission says.
 
     Returns:
         What the new `score.json` tells.
@@ -116,10 +121,16 @@ async def replay(
     Raises:
         UsarsimError: it cannot be played, or its world is not there any more.
     """
-    return await _again(folder, out, robots, device).run()
+    return await _again(folder, out, robots, device, unattended).run()
 
 
-def _again(folder: Path, out: Path, robots: tuple[Path, ...], device: str | None) -> _Again:
+def _again(
+    folder: Path,
+    out: Path,
+    robots: tuple[Path, ...],
+    device: str | None,
+    unattended: str | None,
+) -> _Again:
     folder = folder.absolute()
     then = read_logged(folder)
     session = then.session
@@ -140,6 +151,7 @@ def _again(folder: Path, out: Path, robots: tuple[Path, ...], device: str | None
         device=told or device or "any",
         tells_device=told is not None,
         split=session["split"],
+        unattended=unattended if told is None else None,
     )
     return _Again(then, staged, team, conditions)
 

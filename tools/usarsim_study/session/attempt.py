@@ -25,7 +25,7 @@ from usarsim_study.forms import FormState
 from usarsim_study.session.desk import RETRY, Desk
 from usarsim_study.session.notebook import broken, form_record
 from usarsim_study.session.probes import Scene, probe_form, probe_record
-from usarsim_study.session.screens import device_line
+from usarsim_study.session.screens import panel_line
 from usarsim_study.session.staging import (
     Options,
     condition_of,
@@ -191,7 +191,7 @@ class Attempt:
         more += f"&session={self.desk.book.participant.code}"  # changed keys are this person's
         operators = [url + more for who, url in urls.items() if who.startswith("operator")]
         seats = dict(enumerate(operators[: self.operators], start=1))
-        line = device_line(self._study, self.step)
+        line = panel_line(self._study, self.step)
         self.desk.panels = Panels(self.step.number, seats, line, self._end, self._inject)
         self.desk.panels.watch |= {
             "panel": urls.get("instructor"),
@@ -208,6 +208,10 @@ class Attempt:
                 raise RefusedError("it has not begun: it can only be void")
             self._early = "ended by the experimenter" + (f": {why}" if why else "")
             self.trial.end("operator", self._early)
+        elif status == "passed":
+            self._ended = "passed", why
+            if self.trial is not None:
+                self.trial.end("operator", why)
         else:
             self._ended = ("void" if status == "void" else "aborted"), why
             if self.trial is not None:

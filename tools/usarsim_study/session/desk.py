@@ -207,8 +207,12 @@ class Desk:
             "what": "" if task is None else task.key,
             "number": step.number,
         }
+        now, following = screens.plain(self.book.session, step, self._past)
         told = {
             "type": "overview",
+            "now": "a question in the middle of the trial" if self.probe else now,
+            "next": now if self.probe else following,
+            "training": task is not None and task.kind == "training",
             "participant": who.code,
             "number": who.number,
             "status": self._past.status,
@@ -277,7 +281,7 @@ class Desk:
             self._ready |= {(step.number, seat)}
             self.show()
             self._stirred.set()
-        elif step.kind in ("consent", "break") and step.task is not None:
+        elif step.kind in ("welcome", "consent", "break") and step.task is not None:
             task = step.task
             self._stored(lambda: self.book.pass_(task, seat))
         else:
@@ -371,6 +375,8 @@ class Desk:
                 if self.panels is None:
                     raise RefusedError("no trial runs that could end")
                 self.panels.end("complete", why)
+            case "pass_training":
+                self._pass_training(why or "passed by the experimenter")
             case "end_session":
                 text = why or "ended by the experimenter"
                 self._stored(lambda: self.book.end("withdrawn", text))
@@ -387,6 +393,18 @@ class Desk:
             case other:
                 raise RefusedError(f"{other!r:.40} is no order")
         page.tell({"type": "done", "do": said["do"]})
+
+    def _pass_training(self, why: str) -> None:
+        """Let the participant go on as if the training had been passed, whatever runs."""
+        task = self.step(1).task
+        if task is None or task.kind != "training" or self._past.status != "running":
+            raise RefusedError("no training stands here that could be passed")
+        if self.panels is not None:
+            self.panels.end("passed", why)
+        elif any(one.status == "running" for one in self._past.attempts(task)):
+            raise RefusedError("the training is only coming: wait until it is there")
+        else:
+            self._stored(lambda: self.book.close(self.book.begin(task), "passed", why))
 
     async def _inject(self, page: Page, panels: Panels, told: Message) -> None:
         try:
@@ -415,7 +433,7 @@ class Desk:
                 task = step.task
                 self._stored(lambda task=task, seat=seat: self.book.pass_(task, seat))  # type: ignore[misc]
                 went = True
-            elif step.kind in ("consent", "break", "ready"):
+            elif step.kind in ("welcome", "consent", "break", "ready"):
                 self.press(seat)
                 went = True
         if not went:

@@ -68,8 +68,10 @@ def consent_of(folder: StudyFolder) -> str:
     Raises:
         UsarsimError: the file is not there.
     """
-    name = folder.study.consent
-    return read_text(folder.path / name, StudyError).strip() if name else ""
+    name = folder.study.consent_file
+    if not name:
+        return folder.study.consent.strip()
+    return read_text(folder.path / name, StudyError).strip()
 
 
 @contextlib.contextmanager
@@ -102,7 +104,7 @@ def next_participant(folder: StudyFolder, code: str | None = None) -> Iterator[P
 
 def _files(study: Study) -> list[str]:
     """What a study file names, as it names it."""
-    names = [study.consent, *(one.mission for one in study.layout)]
+    names = [study.consent_file, *(one.mission for one in study.layout)]
     names += [name for one in study.condition for name in (one.mission, one.impair)]
     names += [study.training.mission] if study.training is not None else []
     return [one for one in dict.fromkeys(names) if one]

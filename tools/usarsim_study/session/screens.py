@@ -11,7 +11,7 @@ from typing import Any
 
 from usarsim_study.forms import Form, FormState
 from usarsim_study.session.notebook import CUT_OFF
-from usarsim_study.session.steps import Past, Session, Step
+from usarsim_study.session.steps import Past, Session, Step, Task, form_of
 from usarsim_study.study_file import Study
 
 Message = dict[str, Any]
@@ -20,6 +20,16 @@ DRIVES: Mapping[str, str] = {
     "keyboard": "Drive with the keyboard.",
     "gamepad": "Drive with the gamepad.",
 }
+KEYS = (
+    "W, A, S, D or arrows drive, 1 to 9 choose a robot, M marks a victim, Shift slows down, "
+    "Space stops everything"
+)
+"""What keys do unless they were changed: as the table of docs/console.md (a test compares them)."""
+PAD = (
+    "hold RB and move the left stick to drive, A, B, X, Y choose a robot, LB slows down, both "
+    "sticks pressed stop everything; victims are marked by a double click on the map"
+)
+"""What a pad does; as `KEYS`."""
 BEGIN, GO_ON, AGREE = "Begin", "Go on", "I agree"
 _CODE = "Your answers are kept under a code that was drawn at random."
 
@@ -31,6 +41,62 @@ def device_line(study: Study, step: Step) -> str:
     if study.blind:
         return ""
     return DRIVES[study.condition_named(step.task.cell.condition).device]
+
+
+def controls_line(study: Study, step: Step) -> str:
+    """What keys or the pad do; in a blind study both, since it must not be told which counts."""
+    assert step.task is not None
+    assert step.task.cell is not None
+    device = study.condition_named(step.task.cell.condition).device
+    keys, pad = f"Keyboard: {KEYS}.", f"Gamepad: {PAD}."
+    if study.blind or device == "any":
+        return f"{keys} {pad}"
+    return keys if device == "keyboard" else pad
+
+
+def panel_line(study: Study, step: Step) -> str:
+    """What stands above the panel all the time."""
+    return " ".join(one for one in (device_line(study, step), controls_line(study, step)) if one)
+
+
+def plain(session: Session, step: Step, past: Past) -> tuple[str, str]:
+    """What stands before the participant, and what comes next, in words for the experimenter."""
+    if past.status != "running":
+        return "the session has ended", "the next participant"
+    task = step.task
+    if step.kind == "wait" and task is not None and task.joint:
+        now = f"waiting for the other operator before {_task_told(session, task)}"
+    elif step.kind == "ready" and task is not None:
+        now = f"before {_task_told(session, task)}: waits until the participant begins"
+    elif task is not None:
+        now = _task_told(session, task)
+    else:
+        now = "waiting for the other operator" if step.kind == "wait" else "the end"
+    if step.kind == "ready" and task is not None:
+        return now, _task_told(session, task)
+    following = session.following(step)
+    return now, "the end" if following is None else _task_told(session, following)
+
+
+def _task_told(session: Session, task: Task) -> str:
+    """A task in words; no condition is in them."""
+    match task.kind:
+        case "welcome":
+            return "the welcome"
+        case "consent":
+            return "the consent"
+        case "form":
+            form = form_of(session.study, session.order, task)
+            after = f" after trial {task.number}" if task.number else ""
+            return f"the form {form.title or task.form}{after}"
+        case "training":
+            trainings = [one for one in session.tasks if one.kind == "training"]
+            which = f" {task.number} of {len(trainings)}" if len(trainings) > 1 else ""
+            return f"training{which}"
+        case "trial":
+            return f"trial {task.number} of {len(session.order)}"
+        case "break":
+            return f"the break after trial {task.number}"
 
 
 def form_message(number: int, form: Form, state: FormState, page: int, freeze: bool) -> Message:
@@ -87,6 +153,8 @@ def message(session: Session, past: Past, step: Step, page: int, consent: str) -
     """
     study, number = session.study, step.number
     match step.kind:
+        case "welcome":
+            return text_message(number, study.title, study.welcome.strip(), GO_ON)
         case "consent":
             return text_message(number, study.title, consent, AGREE)
         case "form":
@@ -110,7 +178,7 @@ def _ready(session: Session, past: Past, step: Step) -> Message:
     """Before a training or a trial: what is to be done."""
     study, task = session.study, step.task
     assert task is not None
-    lines = [device_line(study, step)]
+    lines = [device_line(study, step), controls_line(study, step)]
     attempts = past.attempts(task)
     if task.kind == "training":
         title = "Training"

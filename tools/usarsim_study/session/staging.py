@@ -75,6 +75,10 @@ def prepare(
     if options.seconds is not None and options.seconds < scenario.time_limit and not training:
         content = {**(scenario.content or {}), "time_limit": options.seconds}
         scenario = replace(scenario, time_limit=options.seconds, content=content)
+    if study.blind and condition.mission and not training:
+        # Its title may say what is compared.
+        content = {**(scenario.content or {}), "title": study.title}
+        scenario = replace(scenario, title=study.title, content=content)
     staged = stage(scenario, seed=seed, robots=options.robots)
     alone = None if condition.unattended == "mission" or training else condition.unattended
     told = replace(

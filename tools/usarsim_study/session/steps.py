@@ -1,9 +1,9 @@
 """What a participant does next, by what has happened so far; knows no file, no clock, no socket.
 
-A session is a list of tasks that follows from the study and the participant's order: consent, forms
-before, then for each trial its training (the first time that its device comes), the trial and its
-forms, a break, and forms after the last one. Each operator has a seat, from 1 on; forms and texts
-are done by each seat alone, training and trials by all together.
+A session is a list of tasks that follows from the study and the participant's order: welcome,
+consent, forms before, then for each trial its training (the first time that its device comes), the
+trial and its forms, a break, and forms after the last one. Each operator has a seat, from 1 on;
+forms and texts are done by each seat alone, training and trials by all together.
 
 `next_step` looks for the first task that is not done. So a session that was cut off goes on where
 it was as soon as somebody reads again what is on disk.
@@ -19,12 +19,13 @@ from usarsim_study.assignment import Cell, Order
 from usarsim_study.forms import Form, FormState
 from usarsim_study.study_file import Study
 
-TaskKind = Literal["consent", "form", "training", "trial", "break"]
-StepKind = Literal["consent", "form", "ready", "panel", "break", "wait", "end"]
+TaskKind = Literal["welcome", "consent", "form", "training", "trial", "break"]
+StepKind = Literal["welcome", "consent", "form", "ready", "panel", "break", "wait", "end"]
 BEFORE, AFTER = 0, 0
 """Number of the trial of forms that belong to none."""
 ANY = "any"
 """Device of conditions that leave the choice."""
+_TEXTS: Mapping[str, StepKind] = {"welcome": "welcome", "consent": "consent", "break": "break"}
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth")
 """What conditions are called in a blind study, by when the participant meets them."""
 
@@ -127,7 +128,8 @@ def plan(study: Study, order: Order, consent: bool) -> tuple[Task, ...]:
     Args:
         study: which. order: the participant's trials. consent: there is a text to agree to.
     """
-    tasks = [Task("consent")] if consent else []
+    tasks = [Task("welcome")] if study.welcome.strip() else []
+    tasks += [Task("consent")] if consent else []
     tasks += [Task("form", BEFORE, one.name) for one in study.form if one.when == "before"]
     trained: list[str] = []
     for number, cell in enumerate(order, start=1):
@@ -241,8 +243,7 @@ class Session:
                     form = form_of(self.study, self.order, task)
                     state = past.forms.get((task.number, task.form, seat)) or FormState(form)
                     return Step("form", task, place, 0, form, state)
-                kind: StepKind = "consent" if task.kind == "consent" else "break"
-                return Step(kind, task, place)
+                return Step(_TEXTS[task.kind], task, place)
         others = range(1, self.seats + 1)
         if all(self.done(past, task, one) for task in tasks for one in others):
             return Step("end", place=len(tasks))
@@ -267,6 +268,11 @@ class Session:
         if running or len(agreed) == len(working):
             return Step("panel", task, place, attempt)
         return Step("wait" if seat in agreed else "ready", task, place, attempt)
+
+    def following(self, step: Step) -> Task | None:
+        """The task after that of a step, whoever does it; None: there is none."""
+        rest = self.tasks[step.place + 1 :]
+        return rest[0] if rest else None
 
     def training_failed(self, past: Past) -> bool:
         """Whether the participant had all attempts that the study allows at a training."""

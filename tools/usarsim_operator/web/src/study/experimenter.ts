@@ -29,7 +29,10 @@ export class Experimenter {
   private readonly facts: Record<string, HTMLElement> = {};
   private readonly seats = h("ul", { class: "seats", "data-seats": true });
   private readonly events = h("ol", { class: "events", "data-events": true, tabindex: 0 });
-  private readonly list = h("datalist", { id: "names" });
+  /** Whom an inject is about: robots or victims of the trial. */
+  private readonly whom = h("select", { "data-field": "whom" });
+  private known: { robot: string[]; victim: string[] } = { robot: [], victim: [] };
+  private needs = "robot";
   private readonly trouble = h("p", { class: "form-note", role: "alert", "data-trouble": true });
   private readonly watch = h(
     "a",
@@ -37,6 +40,14 @@ export class Experimenter {
     "Watch as instructor",
   );
   private readonly next = button("Next step", "next", () => this.goOn());
+  private readonly pass = button("Pass the training", "pass-training", () =>
+    this.reason(
+      "Pass this training?",
+      "The participant goes on as if it had been passed.",
+      "Pass it",
+      "pass_training",
+    ),
+  );
   /** What ends something. */
   private readonly ending = [
     button("End this trial", "end-trial", () =>
@@ -71,7 +82,8 @@ export class Experimenter {
   constructor(private readonly desk: Desk) {
     const names = {
       participant: "Participant",
-      step: "Step",
+      step: "Now",
+      next: "Next",
       trial: "Trial",
       time: "Time in trial",
       score: "Points",
@@ -105,7 +117,6 @@ export class Experimenter {
         h("h2", {}, "What has happened"),
         this.events,
       ),
-      this.list,
     );
   }
 
@@ -115,9 +126,10 @@ export class Experimenter {
       "participant",
       participant === null ? "–" : `${participant}, number ${number ?? "?"}`,
     );
-    const what = step?.what ? ` (${step.what})` : "";
     this.asks = step?.kind === "form";
-    this.fact("step", status === "running" ? `${step?.kind ?? "–"}${what}` : ended(told));
+    this.fact("step", status === "running" ? (told.now ?? step?.kind ?? "–") : ended(told));
+    this.fact("next", told.next ?? "–");
+    this.pass.hidden = !told.training || status !== "running";
     say(this.next, status === "running" ? "Next step" : "Next participant");
     for (const one of this.ending) one.disabled = status !== "running";
     say(this.trouble, told.trouble ?? "");
@@ -142,11 +154,8 @@ export class Experimenter {
       this.events.replaceChildren(...told.events.map((row) => h("li", {}, row)));
       this.events.scrollTop = this.events.scrollHeight;
     }
-    const known = [...(told.robots ?? []), ...(told.victims ?? [])].join("\n");
-    if (this.list.dataset.known !== known) {
-      this.list.dataset.known = known;
-      this.list.replaceChildren(...known.split("\n").map((value) => h("option", { value })));
-    }
+    this.known = { robot: told.robots ?? [], victim: told.victims ?? [] };
+    this.offer();
     mark(this.element, "data-running", trial !== null && time !== null);
   }
 
@@ -156,7 +165,15 @@ export class Experimenter {
   }
 
   private orders(): HTMLElement {
-    return h("div", { class: "orders" }, this.next, ...this.ending, this.watch, this.trouble);
+    return h(
+      "div",
+      { class: "orders" },
+      this.next,
+      this.pass,
+      ...this.ending,
+      this.watch,
+      this.trouble,
+    );
   }
 
   private goOn(): void {
@@ -177,34 +194,49 @@ export class Experimenter {
     dialog(title, body, accept, () => this.desk.order(deed, { reason: why.value.trim() }));
   }
 
+  /** The list of robots or victims, with the choice that stands. */
+  private offer(): void {
+    const names = this.needs === "victim" ? this.known.victim : this.known.robot;
+    const told = names.join("\n");
+    if (this.whom.dataset.known === told) return;
+    this.whom.dataset.known = told;
+    const before = this.whom.value;
+    this.whom.replaceChildren(...names.map((value) => h("option", { value }, value)));
+    if (names.includes(before)) this.whom.value = before;
+  }
+
   private inject(): HTMLElement {
     const deed = h(
       "select",
       { "data-field": "inject", "aria-label": "what" },
       ...Object.entries(WORDS).map(([value, text]) => h("option", { value }, text)),
     );
-    const whom = h("input", { type: "text", maxlength: 200, required: true, "data-field": "whom" });
-    whom.setAttribute("list", "names");
+    const text = h("input", { type: "text", maxlength: 200, required: true, "data-field": "text" });
+    const about = h("label", {}, h("span", {}, "robot"), this.whom);
+    const said = h("label", { hidden: true }, "text", text);
+    text.disabled = true;
     const lasts = h("input", { type: "number", min: 0.1, step: "any", "data-field": "lasts" });
-    const label = h("span", {}, "robot");
     deed.addEventListener("change", () => {
       const needs = NEEDS[deed.value as Inject];
-      say(label, needs);
-      if (needs === "text") whom.removeAttribute("list");
-      else whom.setAttribute("list", "names");
+      said.hidden = text.disabled = needs !== "text";
+      about.hidden = needs === "text";
+      this.needs = needs;
+      if (about.firstElementChild) say(about.firstElementChild as HTMLElement, needs);
+      this.offer();
     });
     const form = h(
       "form",
       { class: "inject" },
       deed,
-      h("label", {}, label, whom),
+      about,
+      said,
       h("label", {}, h("span", {}, "lasts, s"), lasts),
       h("button", { type: "submit", "data-do": "inject" }, "Do it"),
     );
     form.addEventListener("submit", (event) => {
       event.preventDefault();
       const kind = deed.value as Inject;
-      const about = whom.value.trim();
+      const about = NEEDS[kind] === "text" ? text.value.trim() : this.whom.value;
       const more = lasts.value === "" ? {} : { lasts: Number(lasts.value) };
       if (about !== "")
         this.desk.order("inject", { inject: { do: kind, [NEEDS[kind]]: about, ...more } });

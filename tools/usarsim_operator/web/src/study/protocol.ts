@@ -78,6 +78,11 @@ export interface Overview {
   status?: string;
   reason?: string;
   step: { kind?: string; what?: string } | null;
+  /** What stands before the participant and what comes next, in plain words. */
+  now?: string;
+  next?: string;
+  /** The step belongs to a training, which can be passed. */
+  training?: boolean;
   trial: number | null;
   attempt: number | null;
   time: number | null;

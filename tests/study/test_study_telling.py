@@ -1,0 +1,187 @@
+"""What participants and the experimenter are told: controls, welcome, what comes next."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from pathlib import Path
+
+from desk_pages import STUDY, Seat, desk, write_study
+
+from usarsim_mission.match.conditions import Conditions
+from usarsim_study.assignment import Cell
+from usarsim_study.folder import StudyFolder
+from usarsim_study.session import screens
+from usarsim_study.session.opening import consent_of
+from usarsim_study.session.staging import Options, prepare
+from usarsim_study.session.steps import Past, Session, Step, Task
+from usarsim_study.study_file import SHIPPED, Study, read_study
+
+DEVICES = STUDY.replace('name = "plain"', 'name = "plain"\ndevice = "keyboard"').replace(
+    'name = "delayed"', 'name = "delayed"\ndevice = "gamepad"'
+)
+TRAINED = STUDY.replace("[[form]]", '[training]\nmission = "one.toml"\n[[form]]', 1)
+INLINE = STUDY.replace(
+    'consent = "consent.txt"', 'welcome = "Hello.\\n\\nSit down."\nconsent = """\nI take part.\n"""'
+)
+
+
+def study_of(folder: Path, text: str) -> Study:
+    """A study from its text."""
+    return read_study(write_study(folder, text))
+
+
+class TestControls:
+    """Participants are told what their keys or their pad do, before a trial and during it."""
+
+    def told(self, study: Study, condition: str) -> tuple[str, str]:
+        """The text before a trial of a condition, and the line above its panel."""
+        task = Task("trial", 1, cell=Cell(condition, "A"))
+        session = Session(study, (Cell(condition, "A"), Cell(condition, "B")))
+        step = Step("ready", task, 1, 1)
+        before = screens.message(session, Past(), step, 1, "")["text"]
+        return before, screens.panel_line(study, step)
+
+    def test_of_the_condition(self, tmp_path: Path) -> None:
+        """Keys with the keyboard, the pad's with a gamepad, and not those of the other one."""
+        study = study_of(tmp_path, DEVICES)
+        for text in self.told(study, "plain"):
+            assert "W, A, S, D or arrows drive" in text
+            assert "M marks a victim" in text
+            assert "Space stops everything" in text
+            assert "RB" not in text
+        for text in self.told(study, "delayed"):
+            assert "hold RB and move the left stick to drive" in text
+            assert "both sticks pressed stop everything" in text
+            assert "Space" not in text
+
+    def test_of_a_blind_study(self, tmp_path: Path) -> None:
+        """Both, alike in all conditions."""
+        study = study_of(tmp_path, "blind = true\n" + DEVICES)
+        assert self.told(study, "plain") == self.told(study, "delayed")
+        assert "RB" in self.told(study, "plain")[1]
+        assert "W, A, S, D" in self.told(study, "plain")[1]
+
+    def test_as_the_page_of_the_console_says(self) -> None:
+        """The same keys and buttons as in its table."""
+        text = (Path(__file__).parents[2] / "docs" / "console.md").read_text(encoding="utf-8")
+        rows = [re.split(r"\s*\|\s*", row) for row in text.splitlines() if row.startswith("| ")]
+        table = {row[1].strip("*"): (row[2].strip("*"), row[3]) for row in rows if len(row) > 4}
+        assert table["drive"] == ("W A S D or arrows", "RB held + left stick")
+        assert table["slower"] == ("Shift", "LB")
+        assert table["choose a robot"] == ("1 to 9, or the list", "A B X Y")
+        assert table["stop everything"] == ("Space, or Esc twice", "both sticks pressed")
+        assert table["mark a victim"][0] == "M"
+
+
+class TestWelcome:
+    """Welcome and consent can be written in the study file."""
+
+    def test_order(self, tmp_path: Path) -> None:
+        """First the welcome, then the consent, then the forms."""
+
+        async def go() -> None:
+            async with desk(write_study(tmp_path, INLINE)) as room, room.seat() as page:
+                step = await page.at("text")
+                assert (step["text"], step["button"]) == ("Hello.\n\nSit down.", "Go on")
+                await page.press()
+                step = await page.at("text")
+                assert (step["text"], step["button"]) == ("I take part.", "I agree")
+                await page.press()
+                await page.at("form", "experience")
+
+        asyncio.run(go())
+
+    def test_the_shipped_study_has_both(self, tmp_path: Path) -> None:
+        """rsarsim says what is done, what is stored, and that one may stop."""
+        (tmp_path / "study.toml").write_bytes((SHIPPED / "rsarsim.toml").read_bytes())
+        folder = StudyFolder(tmp_path)
+        assert "four robots" in folder.study.welcome
+        assert "stop at any time" in consent_of(folder)
+        assert "without your name" in consent_of(folder)
+
+    def test_a_file_still_does(self, tmp_path: Path) -> None:
+        """A name of one line is that of a file."""
+        write_study(tmp_path)
+        assert consent_of(StudyFolder(tmp_path)) == "You may stop at any time."
+
+
+class TestExperimenter:
+    """What the experimenter sees and may do."""
+
+    def test_what_comes_next_in_plain_words(self, tmp_path: Path) -> None:
+        """Now and next of the whole session; no condition is told."""
+
+        async def go() -> None:
+            study = write_study(tmp_path, "blind = true\n" + TRAINED)
+            async with (
+                desk(study) as room,
+                room.seat() as page,
+                room.experimenter() as leader,
+            ):
+                told = await leader.until(lambda one: one["type"] == "overview")
+                assert (told["now"], told["next"]) == ("the consent", "the form Before we begin")
+                await page.press("Two ways")
+                await leader.until(lambda one: one.get("now") == "the form Before we begin")
+                await page.fill_in("experience", games=3)
+                before = "before training: waits until the participant begins"
+                told = await leader.until(lambda one: one.get("now") == before)
+                assert (told["next"], told["training"]) == ("training", True)
+                await pass_it(leader)
+                before = "before trial 1 of 2: waits until the participant begins"
+                told = await leader.until(lambda one: one.get("now") == before)
+                assert (told["next"], told["training"]) == ("trial 1 of 2", False)
+                texts = [f"{one['now']} {one['next']}" for one in leader.said if "now" in one]
+                assert not any("plain" in one or "delayed" in one for one in texts)
+
+        asyncio.run(go())
+
+    def test_a_training_is_passed(self, tmp_path: Path) -> None:
+        """Before it began, with a reason on disk; elsewhere the order is refused."""
+
+        async def go() -> None:
+            async with (
+                desk(write_study(tmp_path, TRAINED)) as room,
+                room.seat() as page,
+                room.experimenter() as leader,
+            ):
+                why = (await leader.ask("order", "refused", do="pass_training"))["why"]
+                assert "no training" in why
+                await page.press("Two ways")
+                await page.fill_in("experience", games=3)
+                await page.at("text", "Training")
+                assert (await page.ask("order", "refused", do="pass_training"))["why"]
+                why = (await leader.ask("order", "refused", do="pass_training", reason="NA"))["why"]
+                assert "write the reason in words" in why
+                await pass_it(leader)
+                await page.at("text", "Trial 1 of 2")
+
+        asyncio.run(go())
+        folder = StudyFolder(tmp_path)
+        (one,) = folder.attempts(folder.participants()[0].code, "training")
+        assert (one.status, one.reason) == ("passed", "pilot")
+
+
+async def pass_it(leader: Seat) -> None:
+    """The experimenter passes the training."""
+    await leader.ask("order", "done", do="pass_training", reason="pilot")
+
+
+def test_a_blind_trial_does_not_show_its_condition(tmp_path: Path) -> None:
+    """Its mission.toml says neither what robots do alone nor the title of its own mission."""
+    text = STUDY.replace(
+        'name = "delayed"', 'name = "delayed"\nunattended = "explore"\nmission = "two.toml"'
+    )
+    study = write_study(tmp_path, "blind = true\n" + text)
+    other = (tmp_path / "one.toml").read_text().replace("One victim ahead", "Robots explore alone")
+    (tmp_path / "two.toml").write_text(other)
+    read = read_study(study)
+    task = Task("trial", 1, cell=Cell("delayed", "A"))
+    staged, _ = prepare(read, tmp_path, task, Conditions(tmp_path), Options())
+    assert all(one.entry.unattended == "explore" for one in staged.robots)
+    written = staged.mission_text()
+    assert "explore" not in written
+    assert "Two ways to look" in written
+    open_study = read_study(write_study(tmp_path, text))
+    staged, _ = prepare(open_study, tmp_path, task, Conditions(tmp_path), Options())
+    assert "explore" in staged.mission_text()
