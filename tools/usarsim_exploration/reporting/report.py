@@ -23,7 +23,7 @@ from usarsim_exploration.reporting.comparison import (
     compare,
     title,
 )
-from usarsim_exploration.reporting.ranking import Pair
+from usarsim_exploration.reporting.ranking import ALPHA, Pair
 from usarsim_exploration.reporting.runs import Run, Source
 from usarsim_exploration.reporting.survival import log_rank
 from usarsim_server.files import write_text
@@ -159,7 +159,7 @@ def _ranking(page: Page, found: Comparison) -> None:
             else f"{_count(one.blocks, 'pair')} of setting and seed"
         )
         label = f"{goal}: mean ranks over {blocks}"
-        differ = f" Friedman's test: {p_told(one.friedman.p)}." if one.friedman else ""
+        differ = f" Friedman's test: {p_told(one.friedman.p, ALPHA)}." if one.friedman else ""
         caption = f"{label}; 1 is best.{differ} Bars join strategies that are not told apart."
         page.picture(pictures.ranks(f"ranks-{place}", label, one), caption)
     rows = [
@@ -250,7 +250,7 @@ def _pairs(page: Page, group: Group) -> None:
     if len(group.runs) < 2:
         return
     differ = [
-        [title(name), p_value(one.friedman.p), str(one.blocks)]
+        [title(name), p_value(one.friedman.p, ALPHA), str(one.blocks)]
         for name, one in group.rankings.items()
         if one.friedman is not None
     ]
@@ -259,8 +259,8 @@ def _pairs(page: Page, group: Group) -> None:
     rows = [
         [
             f"{title(goal)}: {pair.first}, {pair.second}",
-            f"{pair.wins}, {pair.losses}, {pair.ties}", p_value(pair.p), p_value(pair.holm),
-            p_value(_log_rank(group, goal, pair)),
+            f"{pair.wins}, {pair.losses}, {pair.ties}", p_value(pair.p, ALPHA), p_value(pair.holm, ALPHA),
+            p_value(_log_rank(group, goal, pair), ALPHA),
         ]
         for goal in RANKED
         if goal in group.rankings
