@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mission_worlds import MISSION, ROBOT, VICTIM, ZONES, write_mission
 
@@ -218,3 +220,19 @@ def test_link_and_radio(tmp_path: Path) -> None:
     assert settings["seed"] == one.scenario.seeds.server
     seeds = {one.scenario.seeds.video, one.scenario.seeds.radio, one.scenario.seeds.server}
     assert len(seeds) == 3
+
+
+def test_the_mission_of_the_page_keeps_its_robot(tmp_path: Path) -> None:
+    """docs/howto/mission.md: from its start a robot sees a wall before each border of the world."""
+    page = (Path(__file__).parents[2] / "docs" / "howto" / "mission.md").read_text(encoding="utf-8")
+    for name, content in re.findall(r"`([\w/.]+)`:\n\n```\w+\n(.*?)```", page, re.DOTALL):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(content, encoding="utf-8")
+    found = stage(read_scenario(tmp_path / "search.toml"))
+    assert findings(found) == []
+    (west, south, _), (east, north, _) = found.base.lower, found.base.upper
+    eye = (-3.0, 0.0, 0.3)
+    around = [(west - 1.0, y) for y in range(-6, 7)] + [(east + 1.0, y) for y in range(-6, 7)]
+    around += [(x, side) for x in range(-6, 12) for side in (south - 1.0, north + 1.0)]
+    beyond = np.array([(x, y, 0.3) for x, y in around])
+    assert not found.ground.sees(beyond, eye).any()

@@ -41,6 +41,12 @@ def test_what_a_file_says(tmp_path: Path) -> None:
     ("text", "said"),
     [
         (MISSION.replace("/1", "/2") + ROBOT, "m.toml: line 1: schema: 'usar-mission/2' is not"),
+        ("", 'm.toml: says nothing (begin with schema = "usar-mission/1", title, world and a'),
+        ("# to be written\n", "m.toml: says nothing (begin with"),
+        (
+            MISSION + ROBOT + VICTIM + 'status = "Ded"\n',
+            "status: 'Ded' is not known (did you mean Dead? write one of Alive, Injured",
+        ),
         (MISSION, "m.toml: robot: there is no robot (add a [[robot]] table"),
         (MISSION + "time_limitt = 3\n" + ROBOT, "line 5: time_limitt: unknown key (did you mean "),
         (MISSION + 'reveal = ["klock"]\n' + ROBOT, "line 5: reveal: 'klock' is not known (did you"),
@@ -138,3 +144,25 @@ def test_names_that_nobody_has(tmp_path: Path, text: str, said: str) -> None:
         stage(read_scenario(write_mission(tmp_path, head=text)))
     assert said in str(caught.value)
     assert ": line " in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("serch.toml", "looked for {}/serch.toml; did you mean search.toml?"),
+        ("deep/down/search.toml", "looked for {}/deep/down/search.toml: there is no {}/deep/down"),
+        ("folder.toml", "{}/folder.toml is a folder: name a file in it"),
+        ("search.toml/x.toml", "looked for {}/search.toml/x.toml: {}/search.toml is no folder"),
+    ],
+)
+def test_a_path_that_is_not_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, said: str
+) -> None:
+    """It is told where a file was looked for, whole, also where the name was relative."""
+    (tmp_path / "search.toml").write_text("")
+    (tmp_path / "folder.toml").mkdir()
+    monkeypatch.chdir(tmp_path)
+    for path in (name, str(tmp_path / name)):
+        with pytest.raises(MissionError) as caught:
+            find_mission(path)
+        assert said.format(tmp_path, tmp_path) in str(caught.value)

@@ -87,11 +87,8 @@ class VictimEntry:
     posture: Literal["standing", "sitting", "lying"] = field(
         default="lying", help="of the figure; that of the place, if the place has one"
     )
-    status: str = field(
-        default="Alive",
-        parse=Table.word,
-        expects="a word",
-        help="Alive, Injured, Unconscious, Dead; what a mark has to say of it",
+    status: Literal["Alive", "Injured", "Unconscious", "Dead"] = field(
+        default="Alive", help="what a mark has to say of it"
     )
     calls: object = field(
         default=False,

@@ -15,9 +15,9 @@ from usarsim_mission.errors import MissionError
 from usarsim_mission.scenario.description import SCHEMA, Event, Scenario
 from usarsim_operator.injects import WHOM
 from usarsim_server.errors import at
-from usarsim_server.files import is_regular
+from usarsim_server.files import is_folder, is_regular
 from usarsim_server.lined import LinedTable, key_lines
-from usarsim_server.tables import Table
+from usarsim_server.tables import Table, nearest
 from usarsim_server.toml import parse_toml, read_text
 
 SHIPPED = Path(__file__).parents[1] / "missions"
@@ -35,7 +35,7 @@ def find_mission(name_or_path: str) -> Path:
         return path
     by_lower = {one.stem.lower(): one for one in shipped_missions()}
     if len(path.parts) > 1 or path.suffix:
-        raise MissionError(at(path, "no such file", "check the path"))
+        raise MissionError(at(path, "no such file", _looked(path)))
     found = by_lower.get(name_or_path.lower())
     if found is None:
         close = difflib.get_close_matches(name_or_path.lower(), by_lower, n=1)
@@ -43,6 +43,24 @@ def find_mission(name_or_path: str) -> Path:
         cure = f"{hint}known missions: {', '.join(by_lower)}; or name a file"
         raise MissionError(at(name_or_path, "no such mission", cure))
     return found
+
+
+def _looked(path: Path) -> str:
+    """Where a file was looked for, and what is there instead."""
+    whole = path.absolute()
+    if is_folder(whole):
+        return f"{whole} is a folder: name a file in it"
+    folder = next(one for one in whole.parents if one.exists())
+    if folder != whole.parent:
+        return f"looked for {whole}: there is no {whole.parent}, only {folder}"
+    if not is_folder(folder):
+        return f"looked for {whole}: {folder} is no folder"
+    try:
+        names = [one.name for one in folder.iterdir() if one.suffix == ".toml"]
+    except OSError:
+        names = []
+    close = nearest(whole.name, sorted(names))
+    return f"looked for {whole}" + (f"; did you mean {close}?" if close else "")
 
 
 def shipped_missions() -> list[Path]:
@@ -67,6 +85,11 @@ def parse_scenario(text: str, path: Path) -> Scenario:
         MissionError: as `read_scenario`.
     """
     content = parse_toml(text, path, MissionError, "robot")
+    if not content:
+        cure = (
+            f'begin with schema = "{SCHEMA}", title, world and a [[robot]]: docs/howto/mission.md'
+        )
+        raise MissionError(at(path, "says nothing", cure))
     table = LinedTable.top(content, path, MissionError, lambda: key_lines(text))
     schema = table.text("schema")
     if schema != SCHEMA:
