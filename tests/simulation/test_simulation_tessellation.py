@@ -184,7 +184,7 @@ class TestFlat:
         model = model_with(Geom.mjGEOM_HFIELD, hfieldname="hills")
         faces = triangles(model, 0, *UPRIGHT)
         data = model.hfield_data.reshape(7, 9)
-        cells = (data[:-1, :-1] + data[1:, 1:] + 2 * (data[:-1, 1:] + data[1:, :-1])) / 6
+        cells = (2 * (data[:-1, :-1] + data[1:, 1:]) + data[:-1, 1:] + data[1:, :-1]) / 6
         block = 0.6 * float(cells.mean()) * 6.0 + 0.2 * 6.0
         assert volume(faces) == pytest.approx(block, rel=1e-5)
         np.testing.assert_allclose(faces.min(axis=(0, 1)), (-1.5, -1.0, -0.2), atol=1e-6)

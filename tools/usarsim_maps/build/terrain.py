@@ -192,7 +192,7 @@ def _heights(scene: Rays, low: Array, high: Array, columns: int, rows: int) -> A
 def _interpolated(heights: Array, places: Array) -> Array:
     """Heights between the points of a grid, in whose steps places (n, 2) are counted.
 
-    MuJoCo cuts every cell in two, from the corner ahead on x to that ahead on y.
+    MuJoCo cuts every cell in two, from its first corner to the one opposite.
     """
     rows, columns = heights.shape
     cell = np.clip(np.floor(places), 0, [columns - 2, rows - 2]).astype(np.int64)
@@ -200,6 +200,6 @@ def _interpolated(heights: Array, places: Array) -> Array:
     i, j = cell.T
     a, b = heights[j, i], heights[j, i + 1]
     d, c = heights[j + 1, i], heights[j + 1, i + 1]
-    near = a + u * (b - a) + v * (d - a)
-    far = c + (1.0 - u) * (d - c) + (1.0 - v) * (b - c)
-    return np.asarray(np.where(u + v < 1.0, near, far))
+    right = a + u * (b - a) + v * (c - b)
+    left = a + v * (d - a) + u * (c - d)
+    return np.asarray(np.where(u > v, right, left))

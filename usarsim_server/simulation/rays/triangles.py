@@ -327,7 +327,11 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> Array:
 
 
 def _heightfield(model: mujoco.MjModel, field: int) -> Array:
-    """The hills, and the sides and bottom of the block under them."""
+    """The hills, and the sides and bottom of the block under them.
+
+    MuJoCo cuts each cell of the grid from its first corner to the one opposite, for rays and for
+    contacts.
+    """
     rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
     start = model.hfield_adr[field]
     sx, sy, top, base = model.hfield_size[field]
@@ -335,7 +339,7 @@ def _heightfield(model: mujoco.MjModel, field: int) -> Array:
     x, y = np.meshgrid(np.linspace(-sx, sx, columns), np.linspace(-sy, sy, rows))
     grid = np.stack([x, y, height], axis=-1)
     a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
-    hills = np.concatenate([np.stack([a, b, d], 2), np.stack([b, c, d], 2)]).reshape(-1, 3, 3)
+    hills = np.concatenate([np.stack([a, b, c], 2), np.stack([a, c, d], 2)]).reshape(-1, 3, 3)
     rim = np.concatenate([grid[0, :-1], grid[:-1, -1], grid[-1, :0:-1], grid[:0:-1, 0]])
     foot = rim * [1.0, 1.0, 0.0] - [0.0, 0.0, base]
     after, below = np.roll(rim, -1, axis=0), np.roll(foot, -1, axis=0)
