@@ -59,7 +59,10 @@ def notes(findings: Findings, subject: str) -> list[str]:
 
 
 def test_starts_in_walls_and_below_floors(tmp_path: Path) -> None:
-    """Each is named with what will happen and what to do; a good one is not."""
+    """Each is named with what will happen and what to do; a good one is not.
+
+    A robot that starts below the floor is put on it, beside the one that stands there.
+    """
     source = tmp_path / "odd.t3d"
     places = [("InWall", (520, 0, 60)), ("Below", (0, 0, -40)), ("Good", (0, 0, 60))]
     starts = [start(f"PlayerStart_{n}", place, tag) for n, (tag, place) in enumerate(places)]
@@ -71,12 +74,17 @@ def test_starts_in_walls_and_below_floors(tmp_path: Path) -> None:
         assert "sidecar" in told[name]
     assert "Good" not in told
     with Rehearsal(world=str(result.folder)) as rehearsal:
-        alive, fallen = rehearsal.connect(), rehearsal.connect()
+        alive, moved = rehearsal.connect(), rehearsal.connect()
         alive.send("INIT {ClassName USARBot.P2AT} {Name A} {Start Good}")
-        fallen.send("INIT {ClassName USARBot.P2AT} {Name B} {Start Below}")
+        moved.send("INIT {ClassName USARBot.P2AT} {Name B} {Start Below}")
         rehearsal.run(4.0)
-        assert fallen.take("DIE {Killer None}"), "it falls below the world, and its client is told"
-        assert not alive.take("DIE")
+        heights = []
+        for client in (alive, moved):
+            lines = client.take()
+            assert not [line for line in lines if line.startswith("DIE")]
+            line = [line for line in lines if "{Type GroundTruth}" in line][-1]
+            heights.append(float(line.partition("{Location ")[2].partition("}")[0].split(",")[2]))
+        assert heights[0] == pytest.approx(heights[1], abs=0.01)
         rehearsal.run(0.5)
         assert alive.take("STA"), "the other goes on"
 
