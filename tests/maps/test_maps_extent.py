@@ -14,6 +14,7 @@ from usarsim_maps.build.extent import measure, without_sky
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import (
     Box,
+    Collision,
     Cylinder,
     Heightfield,
     Part,
@@ -108,6 +109,10 @@ class TestBackdrops:
         floor = thing(cuboid_mesh((-9, -9, -0.2), (9, 9, 0)), "Floor")
         world = build_world(tmp_path, scene_of(DOME, floor, HUT))
         assert "Dome: a backdrop around the map" in world.texts()
+        painted = SceneObject("Dome", (Part(Sphere(900.0), collision=Collision.NONE),))
+        world = build_world(tmp_path, scene_of(painted, floor, HUT))
+        assert "Dome: a backdrop around the map" in world.texts()
+        assert "felt" not in world.texts()
 
     def test_ground_that_is_too_large(self, tmp_path: Path) -> None:
         """Where the scale is assumed, ground of 9 km does not count; a start on it does."""

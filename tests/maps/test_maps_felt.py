@@ -24,7 +24,7 @@ from built_worlds import (
 from numpy.typing import NDArray
 
 from usarsim_maps.build.mesh_error import model_error
-from usarsim_maps.scene import Collision, Mesh, Part, SceneObject
+from usarsim_maps.scene import Collision, Heightfield, Mesh, Part, SceneObject
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 
 Array = NDArray[np.float64]
@@ -200,7 +200,7 @@ def test_the_report_says_how_far_off(tmp_path: Path) -> None:
     assert str(good.findings.facts["felt - seen"]).startswith("0.0 mm in the median, 0.0 mm at")
     assert "is felt" not in good.texts()
     bad = build_world(tmp_path, scene_of(floor, invisible))
-    assert "floor: is felt 0 mm off what is seen in the median, 100 mm at 95 %" in bad.texts()
+    assert "floor: it is felt 0 mm off what is seen in the median, 100 mm at 95 %" in bad.texts()
 
 
 def filled(shape: tuple[int, int, int], *empty: tuple[object, ...]) -> NDArray[np.bool_]:
@@ -373,5 +373,39 @@ def test_the_report_looks_from_the_side(tmp_path: Path) -> None:
     assert "pane: from the side it is felt before what is seen on" in shut.texts()
     ghost = SceneObject("wall", (Part(door, collision=Collision.NONE),))
     gone = build_world(tmp_path, scene_of(floor, ghost))
-    assert "wall: from the side it is seen and not felt on" in gone.texts()
+    assert "wall: it is seen, and nothing of it is felt" in gone.texts()
+    assert model_error(gone.model).sides["wall"].passed > 100
     assert gone.solid_rays((2.0, -1.0, 0.5), AXES[2:3])[0] == np.inf
+
+
+@pytest.mark.parametrize("sunk", [0.0, 0.05])
+@pytest.mark.parametrize("movable", [False, True])
+def test_ground_below_solid_things_does_not_count(
+    tmp_path: Path, sunk: float, movable: bool
+) -> None:
+    """Below stairs of several pieces, which stand on a floor or in it, nothing is driven on."""
+    floor = thing(cuboid_mesh((-8, -8, -0.5), (8, 8, 0.0)), "floor")
+    flight = steps(5, 0.9)
+    flight.vertices[:, 2] -= sunk
+    world = build_world(tmp_path, scene_of(floor, thing(flight, "stairs", movable=movable)))
+    assert world.built.pieces > 5
+    assert "is felt" not in world.texts()
+    error = model_error(world.model)
+    assert error.things["floor"].most < 1e-3
+    assert error.things["floor"].places > 800
+
+
+def test_rough_terrain_is_felt_as_it_is_seen(tmp_path: Path) -> None:
+    """Cells of a height field are cut from corner to corner in one way for contacts, lasers, and
+    what is drawn."""
+    heights = np.random.default_rng(5).uniform(0.0, 1.0, (30, 40))
+    field = Heightfield("hills", heights, (0.5, 0.5), Pose((-10, -7, 0.0)))
+    world = build_world(tmp_path, scene_of(heightfields=(field,)))
+    (error,) = model_error(world.model).things.values()
+    assert error.places > 300
+    assert error.most < 1e-3
+    dice = np.random.default_rng(6)
+    for x, y in dice.uniform((-9.5, -6.5), (9.0, 7.0), (50, 2)).tolist():
+        down = AXES[5:6]
+        seen, felt = world.rays((x, y, 5.0), down)[0], world.solid_rays((x, y, 5.0), down)[0]
+        assert seen == pytest.approx(felt, abs=1e-3)

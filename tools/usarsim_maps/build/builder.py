@@ -168,7 +168,8 @@ def build(
         cure = "give the folder of its meshes with --assets, or --placeholders"
         raise MapImportError(at(scene.source.path, "nothing solid in this map", cure))
     note_floor(probe, bounds, findings)
-    note_error(probe.model, findings, (BALL,))
+    far = [thing.name for thing in objects.things if thing.original in measured.backdrops]
+    note_error(probe.model, findings, (BALL, *far))
     starts, checks = start_entries(scene, probe, bounds, findings)
     sheet = _sheet(scene, probe, bounds, starts, [*objects.things, *brushes], findings, origin)
     (folder / "world.toml").write_text(sheet, encoding="utf-8")

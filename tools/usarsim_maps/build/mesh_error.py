@@ -161,12 +161,36 @@ def surface_error(points: Array, rooms: Array, felt: Array) -> Array:
     """
     if not len(points) or not len(felt):
         return np.full(len(points), np.inf)
-    start = points.copy()
-    start[:, 2] += np.minimum(rooms - HEADROOM / 2.0, REACH)
+    start = _above(points, rooms)
     ways, faces = Rays(felt).cast(start)
     errors: Array = start[:, 2] - ways - points[:, 2]
     errors[(faces < 0) | (errors < -REACH)] = np.inf
     return errors
+
+
+def _above(points: Array, rooms: Array) -> Array:
+    """Where rays that look for what is felt begin: within the free height above points (n, 3)."""
+    start = points.copy()
+    start[:, 2] += np.minimum(rooms - HEADROOM / 2.0, REACH)
+    return start
+
+
+def _is_buried(places: Array, seen: Array, felt: Array) -> NDArray[np.bool_]:
+    """Which places (n, 3) are within something solid, as the ground below a block is.
+
+    They are so for the eye and for the hand: the next seen triangle above faces up, and one of the
+    felt triangles around is met from behind. `seen` (m, 3, 3) may be open, pieces of `felt` are
+    closed.
+    """
+    above = Rays(seen).cast(places, (0.0, 0.0, 1.0))[1]
+    buried = (above >= 0) & (_normals(seen)[above, 2] > 0.0)
+    within = np.zeros(len(places), dtype=bool)
+    looks, normals = Rays(felt), _normals(felt)
+    # Several ways, for where two pieces touch either face may be met.
+    for way in ((0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)):
+        met = looks.cast(places, way)[1]
+        within |= (met >= 0) & (normals[met] @ np.array(way) > 0.0)
+    return np.asarray(buried & within)
 
 
 def is_open(seen: Array, felt: Array, up: Array, width: float, depth: float) -> bool:
@@ -236,16 +260,22 @@ class ModelError:
     things: Mapping[str, SurfaceError]  # by the name of the geom that is seen first of each thing
     side: SideError  # over all level rays
     sides: Mapping[str, SideError]  # by the names of things
+    hollow: Collection[str]  # names of things that are seen, and of which nothing is felt
 
 
 def model_error(model: mujoco.MjModel, without: Collection[str] = ()) -> ModelError:
-    """Compare what is felt with what is seen wherever it may be driven on, some geoms left out."""
+    """Compare what is felt with what is seen wherever it may be driven on.
+
+    What is `without` does not count: names of geoms, or of things.
+    """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     seen = [geom for geom in range(model.ngeom) if is_visible(model, geom)]
     solid = np.flatnonzero((model.geom_contype | model.geom_conaffinity) != 0).tolist()
-    for geom in (model.geom(name).id for name in without):
-        seen, solid = (([one for one in some if one != geom]) for some in (seen, solid))
+    seen, solid = (
+        [g for g in some if not {model.geom(g).name, _thing(model, g)} & set(without)]
+        for some in (seen, solid)
+    )
     triangles, geoms = _triangles(model, data, seen)
     felt, solids = _triangles(model, data, solid)
     labels, owner = np.unique([_thing(model, geom) for geom in seen], return_inverse=True)
@@ -253,6 +283,9 @@ def model_error(model: mujoco.MjModel, without: Collection[str] = ()) -> ModelEr
     thing_of[seen] = owner
     places = _places(triangles, thing_of[geoms], len(labels), RAYS, 0.0)
     points, rooms, faces = drivable_points(triangles, places)
+    if len(points) and len(felt):
+        free = ~_is_buried(_above(points, rooms), triangles, felt)
+        points, rooms, faces = points[free], rooms[free], faces[free]
     errors = surface_error(points, rooms, felt)
     things = thing_of[geoms[faces]]
     order = np.argsort(things, kind="stable")
@@ -269,7 +302,9 @@ def model_error(model: mujoco.MjModel, without: Collection[str] = ()) -> ModelEr
         (triangles, [_thing(model, geom) for geom in geoms.tolist()]),
         (felt, [_thing(model, geom) for geom in solids.tolist()]),
     )
-    return ModelError(SurfaceError.of(errors), found, side, sides)
+    touched = {_thing(model, geom) for geom in solid}
+    hollow = [str(label) for label in labels if label not in touched]
+    return ModelError(SurfaceError.of(errors), found, side, sides, hollow)
 
 
 def _free_places(seen: Rays, places: Array, top: float) -> Array:
@@ -366,25 +401,36 @@ def _from_the_side(
 
 
 def note_error(model: mujoco.MjModel, findings: Findings, without: Collection[str] = ()) -> None:
-    """Put the difference into the report, and warn of things where it is large."""
+    """Put the difference into the report, and warn of things where it is large.
+
+    What is `without` does not count: names of geoms, or of things.
+    """
     error = model_error(model, without)
     _note_sides(error, findings)
     if not error.all.places:
         return
     findings.fact(
         "felt - seen",
-        f"{1000.0 * error.all.median:.1f} mm in the median, {1000.0 * error.all.most:.1f} mm at "
-        f"95 % of {error.all.places} places that may be driven on",
+        f"{_length(error.all.median, 1)} in the median, {_length(error.all.most, 1)} at 95 % of "
+        f"{error.all.places} places that may be driven on",
     )
     large = [(name, one) for name, one in error.things.items() if not one.is_small]
     large.sort(key=lambda item: -item[1].places)
     for name, one in large[:TOLD]:
+        if name in error.hollow:
+            findings.warn(name, "it is seen, and nothing of it is felt")
+            continue
         lost = f"; nothing is felt at {100.0 * one.lost:.0f} %" if one.lost else ""
-        most = "more than 1 m" if np.isinf(one.most) else f"{1000.0 * one.most:.0f} mm"
-        middle = "more than 1 m" if np.isinf(one.median) else f"{1000.0 * one.median:.0f} mm"
         findings.warn(
-            name, f"is felt {middle} off what is seen in the median, {most} at 95 %{lost}"
+            name,
+            f"it is felt {_length(one.median)} off what is seen in the median, "
+            f"{_length(one.most)} at 95 %{lost}",
         )
+
+
+def _length(value: float, digits: int = 0) -> str:
+    """A distance for people, in mm with so many digits; what was not found is beyond `REACH`."""
+    return f"more than {REACH:g} m" if np.isinf(value) else f"{1000.0 * value:.{digits}f} mm"
 
 
 def _note_sides(error: ModelError, findings: Findings) -> None:
@@ -397,7 +443,11 @@ def _note_sides(error: ModelError, findings: Findings) -> None:
             f"and seen before what is felt on {100.0 * side.passed / side.rays:.1f} %, "
             f"of {side.rays} level rays",
         )
-    large = [(name, one) for name, one in error.sides.items() if not one.is_small]
+    large = [
+        (name, one)
+        for name, one in error.sides.items()
+        if not one.is_small and not (name in error.hollow and name in error.things)
+    ]
     large.sort(key=lambda item: -(item[1].blocked + item[1].passed))
     for name, one in large[:TOLD]:
         told = []
