@@ -429,6 +429,54 @@ class TestVertexColors:
         assert scene.materials[name].color == pytest.approx((0.1, 0.0, 0.0, 1.0))
 
 
+CLEAR = {
+    "Blender writes the fourth number alone": (
+        '<transparent opaque="A_ONE"><color>0 0 0 0.3</color></transparent>', 0.3),
+    "A_ONE is the default, and both numbers count": (
+        "<transparent><color>1 1 1 0.5</color></transparent>"
+        "<transparency><float>0.5</float></transparency>", 0.25),
+    "SketchUp writes a factor": (
+        '<transparent opaque="A_ONE"><color>1 1 1 1</color></transparent>'
+        "<transparency><float>0.02</float></transparency>", 0.02),
+    "RGB_ZERO is clear where it is bright": (
+        '<transparent opaque="RGB_ZERO"><color>0.25 0.25 0.25 1</color></transparent>'
+        "<transparency><float>1</float></transparency>", 0.75),
+    "green is brighter than blue": (
+        '<transparent opaque="RGB_ZERO"><color>0 1 0 1</color></transparent>', 0.28484),
+    "RGB_ONE": (
+        '<transparent opaque="RGB_ONE"><color>0.25 0.25 0.25 0</color></transparent>', 0.25),
+    "A_ZERO": ('<transparent opaque="A_ZERO"><color>0 0 0 0.25</color></transparent>', 0.75),
+    "a factor alone": ("<transparency><float>0.4</float></transparency>", 0.4),
+    "opaque by a factor": (
+        '<transparent opaque="RGB_ZERO"><color>1 1 1 1</color></transparent>'
+        "<transparency><float>0</float></transparency>", 1.0),
+    "nothing": ("", 1.0),
+    "no number": ("<transparency><float>much</float></transparency>", 1.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CLEAR)
+def test_opacity(tmp_path: Path, case: str) -> None:
+    """It is `transparent` times `transparency`, by the mode that the file names."""
+    text, opacity = CLEAR[case]
+    looks = DAE_LOOKS.format(file="a.png").replace("</lambert>", f"{text}</lambert>")
+    shape = dae_wedge().replace("<triangles ", '<triangles material="sym" ')
+    materials = read(write(tmp_path, dae(shape, dae_bound("paint"), more=looks))).materials
+    assert materials["paint"].color == pytest.approx((0.1, 0.2, 0.3, opacity), abs=1e-6)
+
+
+def test_names_of_materials(tmp_path: Path) -> None:
+    """They are those for people, unless two materials have the same; then ids tell them apart."""
+    shape = dae_wedge().replace("<triangles ", '<triangles material="sym" ')
+    for other, told in (("Wall", "Window Glass"), ("Window Glass", "paint")):
+        looks = DAE_LOOKS.format(file="a.png")
+        looks = looks.replace('id="paint"', 'id="paint" name="Window Glass"')
+        looks = looks.replace('id="brick"', f'id="brick" name="{other}"')
+        scene = read(write(tmp_path, dae(shape, dae_bound("paint"), more=looks)))
+        assert list(scene.objects[0].parts[0].materials.values()) == [told]
+        assert scene.materials[told].color[:3] == pytest.approx((0.1, 0.2, 0.3))
+
+
 def test_holes_by_a_picture(tmp_path: Path) -> None:
     """`transparent` names the picture of the surface or another, and which end is clear."""
     looks = DAE_LOOKS.replace(

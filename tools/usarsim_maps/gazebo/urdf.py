@@ -53,7 +53,7 @@ class _Robot:
         self._document = document
         self._elements = Elements(findings)
         self._root = document.root
-        self._materials = {node.get("name"): node for node in self._root.all("material")}
+        self._materials = _described_materials(self._root)
         self._extras: dict[str, list[Node]] = {}
         for node in self._root.all("gazebo"):
             self._extras.setdefault(node.get("reference"), []).append(node)
@@ -177,6 +177,20 @@ def xacro_refusal(document: Document, node: Node) -> MapImportError:
     made = f"{stem}.urdf" if f"{stem}.urdf" != name else f"{stem}-plain.urdf"
     cure = f"run: xacro {name} -o {made}"
     return document.error(node, "this file is written in xacro", cure)
+
+
+def _described_materials(root: Node) -> dict[str, Node]:
+    """Materials by name: those of the robot, and those that a visual describes.
+
+    Any other visual may name them, too.
+    """
+    visuals = [visual for link in root.all("link") for visual in link.all("visual")]
+    found: dict[str, Node] = {}
+    for owner in (root, *visuals):
+        for material in owner.all("material"):
+            if material.children:
+                found.setdefault(material.get("name"), material)
+    return found
 
 
 def _geometry(shape: Node) -> Node:

@@ -6,6 +6,7 @@ A material leads through its effect to a colour or a picture.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import ClassVar
@@ -56,21 +57,32 @@ STEPS = {"matrix": 16, "translate": 3, "scale": 3, "rotate": 4, "lookat": 9}
 SHADERS = ("phong", "lambert", "blinn", "constant")
 GREY: Color = (0.7, 0.7, 0.7, 1.0)
 
+LUMINANCE = (0.212671, 0.715160, 0.072169)
+"""Parts of red, green and blue in the brightness of a colour, as the specification has them."""
+
 
 def read_materials(
     document: Document, ids: Mapping[str, Node], pictures: Pictures
-) -> dict[str, Material]:
-    """All materials by their ids, which is what geometry binds to.
+) -> tuple[dict[str, Material], dict[str, str]]:
+    """All materials by their names, and these by the ids that geometry binds to.
 
-    A material that makes no sense becomes neutral grey.
+    A material is called by its `name` where no other one is, else by its id. One that makes no
+    sense becomes neutral grey.
     """
-    answer = {}
-    for library in document.root.all("library_materials"):
-        for node in library.all("material"):
-            name = node.get("id") or node.get("name")
-            if name:
-                answer[name] = _material(name, node, ids, pictures)
-    return answer
+    found = [
+        node
+        for library in document.root.all("library_materials")
+        for node in library.all("material")
+        if node.get("id") or node.get("name")
+    ]
+    count = Counter(word for node in found for word in {node.get("id"), node.get("name")} if word)
+    materials, names = {}, {}
+    for node in found:
+        own, given = node.get("id"), node.get("name")
+        name = given if given and (count[given] == 1 or not own) else own
+        names[own or given] = name
+        materials[name] = _material(name, node, ids, pictures)
+    return materials, names
 
 
 def _material(name: str, node: Node, ids: Mapping[str, Node], pictures: Pictures) -> Material:
@@ -88,20 +100,22 @@ def _material(name: str, node: Node, ids: Mapping[str, Node], pictures: Pictures
             pictures.context.findings.skip(child.tag, name)
     color = GREY
     look = shader.child("diffuse") or shader.child("emission")
+    opacity = _opacity(shader)
     if look is None:
-        return Material(name, (*color[:3], _opacity(shader)))
+        return Material(name, (*color[:3], opacity))
     plain, texture = look.child("color"), look.child("texture")
     if plain is not None:
         color = _color(plain) or GREY
     if texture is None:
-        return Material(name, (*color[:3], min(color[3], _opacity(shader)) or 1.0))
+        # The specification gives the fourth number of a diffuse colour no meaning; some write zero.
+        return Material(name, (*color[:3], opacity * (color[3] or 1.0)))
     places = [technique, profile, effect]
     image = _image(texture.get("texture"), places, ids)
     found = pictures.find(image) if image else None
     if found is None:
         return Material(name)
     holes = _holes(shader.child("transparent"), image, places, ids, pictures)
-    return Material(name, (1.0, 1.0, 1.0, _opacity(shader)), found, opacity=holes)
+    return Material(name, (1.0, 1.0, 1.0, opacity), found, opacity=holes)
 
 
 def _holes(
@@ -140,14 +154,24 @@ def _numbers(node: Node) -> list[float]:
 
 
 def _opacity(shader: Node) -> float:
-    """Opacity, where it is believable: exporters disagree about which end is opaque."""
-    value = shader.child("transparency", "float")
+    """Opacity by `transparent` times `transparency`, as COLLADA 1.5 defines its four modes.
+
+    Without `transparent` it is `transparency`, and a picture counts as white here. Exporters that
+    mean opaque write what is wholly clear by these rules; that is mended where the world is built.
+    """
+    transparent, value = shader.child("transparent"), shader.child("transparency", "float")
     numbers = [] if value is None else _numbers(value)
-    if len(numbers) == 1 and 0.05 <= numbers[0] <= 0.95:
-        mode = shader.child("transparent")
-        zero = mode is not None and mode.get("opaque").endswith("ZERO")
-        return 1.0 - numbers[0] if zero else numbers[0]
-    return 1.0
+    factor = min(1.0, max(0.0, numbers[0])) if len(numbers) == 1 else 1.0
+    if transparent is None:
+        return factor
+    plain = transparent.child("color")
+    r, g, b, a = (None if plain is None else _color(plain)) or (1.0, 1.0, 1.0, 1.0)
+    mode = transparent.get("opaque", "A_ONE")
+    clear = float(np.dot(LUMINANCE, (r, g, b))) if mode.startswith("RGB") else a
+    if not mode.endswith("ZERO"):
+        return clear * factor
+    # Where a picture says how clear it is, its holes do.
+    return 1.0 if plain is None else 1.0 - clear * factor
 
 
 def _image(name: str, places: list[Node], ids: Mapping[str, Node]) -> str:
@@ -225,7 +249,7 @@ class _ColladaScene(SceneBuilder):
             name = node.get("id")
             if name:
                 self._ids.setdefault(name, node)
-        self._materials = read_materials(document, self._ids, self.pictures)
+        self._materials, self._names = read_materials(document, self._ids, self.pictures)
         self._shown = 0
         self._shapes: dict[int, ColladaGeometry] = {}  # by the identity of their meshes
         self._places: dict[int, Array] = {}  # of nodes in the file's frame, by their identity
@@ -393,6 +417,7 @@ class _ColladaScene(SceneBuilder):
         for slot, word in enumerate(known.materials):
             symbol, color = self._shapes[id(known)].shades.get(word, (word, None))
             material = bound.get(symbol, symbol)
+            material = self._names.get(material, material)
             materials[slot] = material if color is None else self._shade(material, color)
         part = Part(known, local, materials=materials)
         self.findings.count("mesh node")
@@ -409,7 +434,7 @@ class _ColladaScene(SceneBuilder):
         return shade.name
 
     def _bound(self, instance: Node) -> Iterator[tuple[str, str]]:
-        """Symbols of a geometry, and names of the materials that an instance binds to them."""
+        """Symbols of a geometry, and ids of the materials that an instance binds to them."""
         common = instance.child("bind_material", "technique_common")
         for binding in common.all("instance_material") if common is not None else ():
             yield binding.get("symbol"), binding.get("target").removeprefix("#")
