@@ -259,7 +259,9 @@ def _pairs(page: Page, group: Group) -> None:
     rows = [
         [
             f"{title(goal)}: {pair.first}, {pair.second}",
-            f"{pair.wins}, {pair.losses}, {pair.ties}", p_value(pair.p, ALPHA), p_value(pair.holm, ALPHA),
+            f"{pair.wins}, {pair.losses}, {pair.ties}",
+            p_value(pair.p, ALPHA),
+            p_value(pair.holm, ALPHA),
             p_value(_log_rank(group, goal, pair), ALPHA),
         ]
         for goal in RANKED
