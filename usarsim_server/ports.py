@@ -27,6 +27,7 @@ from usarsim_server.services.dialogue import (
     DialogueLimits,
     Instant,
     ground_truth_service,
+    ready,
     responder,
     truth_service,
 )
@@ -69,13 +70,16 @@ def services_of(assembly: Assembly) -> tuple[Service, ...]:
         services.append(_image_service(settings, settings.image_port, assembly))
     tells = settings.truth == "on"
     obstacles = SceneryObstacles(simulation)
-    ground_truth = responder(GroundTruth(robots.stations, obstacles).answers)
+    span = INSTANT / settings.speed
+    truth = GroundTruth(robots.stations, obstacles, span, lambda: robots.vehicles)
+    ground_truth = responder(truth.answers)
     victims, roles = assembly.surroundings.victims, assembly.roles
     actors = Actors(simulation, robots.classes, victims, roles.avatars, roles.objects)
     pace = _pace(settings, simulation)
-    instant = Instant(INSTANT / settings.speed, lambda: robots.vehicles)
-    positions = partial(ground_truth_service, respond=ground_truth)
-    poses = partial(truth_service, answer=actors.answer)
+    recent = Instant(span, truth.version, ready(truth.at_once))
+    positions = partial(ground_truth_service, respond=ground_truth, instant=recent)
+    listed = Instant(span, lambda: robots.vehicles)
+    poses = partial(truth_service, answer=actors.answer, instant=listed)
     ports = (("groundtruth_port", positions, DialogueLimits()), ("truth_port", poses, TRUTH_LIMITS))
     for key, service, limits in ports:
         port = getattr(settings, key)
@@ -86,14 +90,13 @@ def services_of(assembly: Assembly) -> tuple[Service, ...]:
                     port,
                     required=settings.demands(key),
                     limits=replace(limits, idle=settings.idle_timeout),
-                    instant=instant,
                     pace=pace,
                 )
             )
         elif port is not None and settings.demands(key):
             _log.warning("a port is not opened: ground truth is switched off", setting=key)
     radio_limits = WirelessLimits(idle=settings.idle_timeout)
-    desk = Desk("wireless", ground_truth, radio_limits, instant, pace=pace) if tells else None
+    desk = Desk("wireless", ground_truth, radio_limits, recent, pace=pace) if tells else None
     radio = RadioWorld(robots.stations, obstacles, lambda: simulation.now, settings.speed)
     services += _wireless_services(settings, radio, radio_limits, desk, assembly.owners, pace)
     if settings.scene_port is not None:

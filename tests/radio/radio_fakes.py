@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from usarsim_server.errors import SettingsError
@@ -32,6 +33,10 @@ class Walls:
         self.asked += 1
         low, high = sorted((start[0], end[0]))
         return sum(low < place < high for place in self.places)
+
+    def counts(self, start: Vector, ends: Sequence[Vector]) -> list[int]:
+        """The same to many points."""
+        return [self.count(start, end) for end in ends]
 
 
 class Field:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
@@ -208,13 +209,28 @@ def test_work_is_bounded() -> None:
     class Endless:
         asked = 0
 
-        def first_scenery(self, origin: object, direction: object, reach: float) -> SceneryHit:
+        def first_sceneries(
+            self, origins: object, directions: object, reaches: Sequence[float]
+        ) -> list[SceneryHit]:
             self.asked += 1
-            return SceneryHit(0.0, self.asked, None, entering=True)
+            return [SceneryHit(0.0, self.asked, None, entering=True) for _ in reaches]
 
     world = Endless()
     assert SceneryObstacles(world).count((0.0, 0.0, 0.0), (9e3, 0.0, 0.0)) == MOST
     assert world.asked == MOST
+
+
+def test_many_lines_are_counted_as_each_alone() -> None:
+    """Whatever they meet and wherever they end; what is no line counts nothing."""
+    counter = Lane().box(2.0).sheets(4.0, 4.1, 5.0).box(7.0, 0.5).counter()
+    ends = [
+        *((to, side, 0.5) for to in (1.0, 2.0, 3.0, 4.05, 6.0, 9.0) for side in (0.0, 1.0, -5.0)),
+        *(EAR, (math.nan, 0.0, 0.5), (1e6, 0.0, 0.5), (3.0, 0.0, -1.0)),
+    ]
+    counts = counter.counts(EAR, ends)
+    assert counts == [counter.count(EAR, end) for end in ends]
+    assert set(counts) >= {0, 1, 2, 3, 4}
+    assert counter.counts(EAR, []) == []
 
 
 @settings(max_examples=60)

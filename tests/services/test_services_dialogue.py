@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
+import math
 import socket
 import threading
 import time
@@ -328,6 +330,49 @@ def test_what_is_asked_again_within_an_instant_gets_the_same_text() -> None:
         asyncio.run(play())
     finally:
         desk.close()
+
+
+def test_what_is_known_of_an_instant_is_told_at_once() -> None:
+    """On the event loop, without a thread; in order among what has to be worked out, and a few
+    lines at a time, so that others have a turn between them."""
+    town, told, others = Town(), list[bytes](), list[int]()
+    busy = asyncio.Event()
+
+    def known(line: bytes) -> bytes | None:
+        if not line.startswith(b"KNOWN"):
+            return None
+        told.append(line)
+        return line + b"!\r\n"
+
+    limits = DialogueLimits(share=math.inf)
+    desk = Desk("test", responder(town.answers), limits, Instant(0.0, int, known))
+    desk.open()
+
+    async def look_on() -> None:
+        while not busy.is_set():
+            others.append(len(told))
+            await asyncio.sleep(0)
+
+    async def play() -> None:
+        watcher = asyncio.create_task(look_on())
+        ours, theirs = socket.socketpair()
+        with ours, theirs:
+            ours.setblocking(False)
+            lines = [b"KNOWN %d" % number for number in range(40)]
+            replies = ReplyBuffer(ours)
+            await desk.answer([*lines, b"ASK", b"KNOWN"], replies, desk.budget.newcomer())
+            text = theirs.recv(65536).splitlines()
+        busy.set()
+        await watcher
+        # What comes behind something that has to be worked out is worked out with it.
+        assert text == [*(line + b"!" for line in lines), b"ASK ('A',) 0.0", b"KNOWN ('A',) 0.0"]
+
+    try:
+        asyncio.run(play())
+    finally:
+        desk.close()
+    assert town.asked == ["ASK", "KNOWN"]
+    assert max(b - a for a, b in itertools.pairwise(others)) <= 8
 
 
 def test_a_reply_that_nobody_allowed_ends_the_conversation(start: Start) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import socket
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -46,6 +47,10 @@ class Line:
     def count(self, start: Vector, end: Vector) -> int:
         """One obstacle each 10 m."""
         return int(abs(end[0] - start[0]) // 10)
+
+    def counts(self, start: Vector, ends: Sequence[Vector]) -> list[int]:
+        """The same to many points."""
+        return [self.count(start, end) for end in ends]
 
 
 class Talker(BlockingConnection):

@@ -4,8 +4,9 @@ engine's names, as the scoring tools ask for them.
 
 from __future__ import annotations
 
+import itertools
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import pytest
 from control_harness import controller, create
@@ -33,6 +34,11 @@ class Counter:
         """Any number will do."""
         self.asked.append((start, end))
         return round(abs(end[0] - start[0]))
+
+    def counts(self, start: Vector, ends: Sequence[Vector]) -> list[int]:
+        """The same from one place to many, remembered as one question."""
+        self.asked.append((start, ends[0]))
+        return [round(abs(end[0] - start[0])) for end in ends]
 
 
 class Town:
@@ -119,6 +125,91 @@ def test_two_robots_of_one_name_are_told_apart_by_order() -> None:
     ground_truth, _, counter = truth(ROBOT, twin, BASE)
     ground_truth.answer("GETOBS {From base} {To robot1}")
     assert counter.asked == [(BASE.position, ROBOT.position)]
+
+
+# -- answers of one instant ----------------------------------------------------------------------
+
+TEAM = [Station(f"R{number}", (float(number), 0.0, 0.5)) for number in range(16)]
+PAIRS = [f"GETOBS {{From {a.name}}} {{To {b.name}}}" for a, b in itertools.permutations(TEAM, 2)]
+
+
+class Instants:
+    """Ground truth about the team whose looks hold for 20 ms; a test turns the clock."""
+
+    def __init__(self) -> None:
+        self.now = 5.0
+        self.robots: tuple[int, ...] = (1, 2)
+        self.town, self.counter = Town(*TEAM), Counter()
+        self.truth = GroundTruth(
+            self.town, self.counter, 0.02, lambda: self.robots, lambda: self.now
+        )
+
+    def ask(self, line: str) -> str:
+        """The answer, without waiting if it is known."""
+        return self.truth.at_once(line) or self.truth.answer(line) or ""
+
+
+def test_all_questions_of_an_instant_take_one_look_and_one_cast_for_each_robot() -> None:
+    """A wireless simulation asks for 240 pairs of 16 robots: 1 look and 16 casts, not 240 each."""
+    world, apart = Instants(), truth(*TEAM)[0]
+    assert [world.ask(line) for line in PAIRS] == [apart.answer(line) for line in PAIRS]
+    assert world.ask("GETPOS") == apart.answer("GETPOS")
+    assert world.town.looks == 1
+    assert len(world.counter.asked) == len(TEAM)
+
+
+def test_what_is_known_is_told_at_once_and_nothing_else() -> None:
+    """Neither a look nor a cast is made for who shall not wait, and none is needed twice."""
+    world = Instants()
+    known = world.truth.at_once
+    assert [known("GETPOS"), known(PAIRS[0])] == [None, None]
+    world.truth.answer(PAIRS[0])
+    assert known("GETPOS") == world.truth.answer("GETPOS")
+    assert known(PAIRS[14]) == "NUMOBS {From R0} {To R15} {ObstCount 15.0000}"
+    assert known(PAIRS[15]) is None, "from R1, which nothing was counted from"
+    assert known("GETOBS {From R0} {To Nobody}") == (
+        "NUMOBS {From R0} {To Nobody} {ObstCount -1.0000}"
+    )
+    assert [known("GETOBS {From R0}"), known("WHAT")] == [None, None]
+    assert (world.town.looks, len(world.counter.asked)) == (1, 1)
+
+
+def test_a_look_holds_for_an_instant_and_until_somebody_comes_or_goes() -> None:
+    """So positions are never older than the span, and a newcomer is there at once."""
+    world = Instants()
+    first, version = world.ask("GETPOS"), world.truth.version()
+    world.now += 0.019
+    assert (world.ask("GETPOS"), world.truth.version()) == (first, version)
+    world.now += 0.002
+    world.town.stations = TEAM[:3]
+    assert world.truth.at_once("GETPOS") is None
+    assert world.ask("GETPOS").startswith("POSITIONS {Robots 3}")
+    world.robots = (1, 2, 3)
+    world.town.stations = TEAM[:4]
+    assert world.truth.at_once("GETPOS") is None
+    assert world.ask("GETPOS").startswith("POSITIONS {Robots 4}")
+    assert world.town.looks == 3
+
+
+def test_what_was_worked_out_too_late_is_not_kept() -> None:
+    """The version of texts that were told of a look that has ended meanwhile equals no later one;
+    where nobody looks at robots, it only changes with them."""
+    world = Instants()
+    assert world.truth.version() == world.truth.version()
+    world.ask("GETPOS")
+    world.now += 0.03
+    assert world.truth.version() != world.truth.version()
+    world.now += 0.02
+    assert world.truth.version() == world.truth.version() == world.robots
+
+
+def test_without_a_span_every_question_is_about_its_own_moment() -> None:
+    """At `--speed max` and in lockstep: as it was before there were spans."""
+    ground_truth, town, counter = truth(*TEAM)
+    for line in PAIRS[:3]:
+        ground_truth.answer(line)
+        assert ground_truth.at_once(line) is None
+    assert (town.looks, len(counter.asked)) == (3, 3)
 
 
 # -- the robots of a world -----------------------------------------------------------------------

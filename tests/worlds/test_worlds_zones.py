@@ -175,7 +175,7 @@ def _compiled(folder: Path) -> CompiledWorld:
 
 class _Traced:
     def __init__(self, geometry: StaticGeometry) -> None:
-        self.first_scenery = geometry.first_hit
+        self.first_sceneries = geometry.first_hits
 
 
 # -- worlds upon worlds -----------------------------------------------------------------------

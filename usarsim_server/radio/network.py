@@ -39,6 +39,9 @@ class ObstacleCounter(Protocol):
     def count(self, start: Vector, end: Vector) -> int:
         """Obstacles between two points (simulation frame, m) by the rule of side channels 3.3."""
 
+    def counts(self, start: Vector, ends: Sequence[Vector]) -> list[int]:
+        """The same between a point and each of others."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadioWorld:

@@ -183,11 +183,15 @@ class Robots:
         # In this order: a robot that is counted is in the picture, unless it has just left.
         present = self.vehicles
         snapshot = self._simulation.look()
-        found = ((one, one.body.state(snapshot)) for one in present)
+        layouts, places = snapshot.layouts, snapshot.xpos
         return [
-            Station(one.name, state.pose.position, one.power.seconds(snapshot.time) <= 0)
-            for one, state in found
-            if state is not None
+            Station(
+                one.name,
+                tuple(places[layouts[one.robot].base].tolist()),
+                one.power.seconds(snapshot.time) <= 0,
+            )
+            for one in present
+            if one.robot in layouts
         ]
 
     @property

@@ -182,11 +182,15 @@ class Simulation:
         """Answer ray fans against the part of the world that never moves."""
         return cast_scenery(fans, self._static)
 
-    def first_scenery(
-        self, origin: NDArray[np.float64], direction: NDArray[np.float64], reach: float
-    ) -> SceneryHit | None:
-        """What a ray from (3,) m along a unit vector (3,) meets first that never moves."""
-        return self._static.first_hit(origin, direction, reach)
+    def first_sceneries(
+        self,
+        origins: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        reaches: NDArray[np.float64],
+    ) -> list[SceneryHit | None]:
+        """What rays from (n, 3) m along unit vectors (n, 3) meet first that never moves, each
+        within its reach (n,), m; None: nothing."""
+        return self._static.first_hits(origins, directions, reaches)
 
     def object_facts(self, name: str | int, snapshot: Snapshot) -> ObjectFacts | None:
         """Facts at a snapshot about the object that a ray's name belongs to (see `objects.py`)."""

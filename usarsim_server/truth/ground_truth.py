@@ -8,8 +8,10 @@ and items of robots go by their own names (side channels reference 6.1).
 
 from __future__ import annotations
 
+import math
 import re
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -27,18 +29,70 @@ from usarsim_server.worlds.objects.objects import WorldObjects
 from usarsim_server.worlds.surroundings import LiveVictim
 
 
-class GroundTruth:
-    """Knows all stations and everything between them; may be used by any thread."""
+class _Sighting:
+    """Where everybody was at one moment, and what stood between them as far as it was counted.
 
-    def __init__(self, stations: StationSource, obstacles: ObstacleCounter) -> None:
+    Attributes:
+        stations: all of that moment. robots: who was there.
+        until: s of wall time to which it holds.
+    """
+
+    def __init__(self, stations: Sequence[Station], robots: object, until: float) -> None:
+        self.stations, self.robots, self.until = stations, robots, until
+        self._numbers: dict[str, int] = {}
+        for number, one in enumerate(stations):
+            self._numbers.setdefault(one.name.lower(), number)
+        self._counts: dict[int, list[int]] = {}
+
+    def ends(self, query: BetweenRobots) -> tuple[int, int] | None:
+        """Numbers of two stations, each the first of its name, whatever its case (side channels
+        3.3); None if one is not there."""
+        start, end = (self._numbers.get(name.lower()) for name in (query.start, query.end))
+        return None if start is None or end is None else (start, end)
+
+    def known(self, ends: tuple[int, int]) -> int | None:
+        """Obstacles from one to the other, None if they have not been counted."""
+        row = self._counts.get(ends[0])
+        return None if row is None else row[ends[1]]
+
+    def count(self, ends: tuple[int, int], obstacles: ObstacleCounter) -> int:
+        """The same, counted if they have not been: those from one station to all at once."""
+        if self._counts.get(ends[0]) is None:
+            places = [one.position for one in self.stations]
+            self._counts[ends[0]] = obstacles.counts(places[ends[0]], places)
+        return self._counts[ends[0]][ends[1]]
+
+
+class GroundTruth:
+    """Knows all stations and everything between them; may be used by any thread.
+
+    A wireless simulation asks for every pair of robots, one after the other. So the physics is
+    asked once in an instant, obstacles from one robot are counted to all others at once, and what
+    is known by then is told without waiting for anybody.
+    """
+
+    def __init__(
+        self,
+        stations: StationSource,
+        obstacles: ObstacleCounter,
+        span: float = 0.0,
+        robots: Callable[[], object] = tuple,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         """Know the world.
 
         Args:
             stations: all robots of this moment.
             obstacles: counts what stands between two points.
+            span: s of wall time for which a look at the stations holds; 0: every question is about
+                its own moment.
+            robots: changes with who is there; a look before that does not hold any more.
+            clock: wall time, s.
         """
         self._stations = stations
         self._obstacles = obstacles
+        self._span, self._robots, self._clock = span, robots, clock
+        self._sighting = _Sighting((), None, -math.inf)
 
     def answer(self, line: str) -> str | None:
         """The reply to one request, both without line end; None: there is no reply.
@@ -58,36 +112,72 @@ class GroundTruth:
         """
         queries = [text.read_ground_truth_query(line) for line in lines]
         needed = any(isinstance(query, text.Positions | BetweenRobots) for query in queries)
-        stations = self._stations() if needed else ()
-        return [None if one is None else self._reply(one, stations) for one in queries]
+        sighting = self._look() if needed else self._sighting
+        return [None if one is None else self._reply(one, sighting) for one in queries]
 
-    def _reply(self, query: Query, stations: Sequence[Station]) -> str:
+    def at_once(self, line: str) -> str | None:
+        """The reply to a request, as in `answer`, if it is known without asking the physics or
+        casting a ray; otherwise None."""
+        sighting = self._sighting
+        if not self._holds(sighting):
+            return None
+        match text.read_ground_truth_query(line):
+            case text.Positions():
+                return _positions(sighting)
+            case BetweenRobots() as query:
+                ends = sighting.ends(query)
+                count = text.UNKNOWN_COUNT if ends is None else sighting.known(ends)
+                return None if count is None else text.obstacles(query, count)
+        return None
+
+    def version(self) -> object:
+        """What is equal to an earlier one while everything that was told since then still holds."""
+        sighting, now = self._sighting, self._clock()
+        if self._holds(sighting):
+            return sighting
+        # What was asked while a sighting held and is told when it does not belongs to none.
+        return object() if now < sighting.until + self._span else self._robots()
+
+    def _holds(self, sighting: _Sighting) -> bool:
+        return self._clock() < sighting.until and self._robots() == sighting.robots
+
+    def _look(self) -> _Sighting:
+        """The last sighting if it still holds, or a new one."""
+        sighting = self._sighting
+        if not self._holds(sighting):
+            # Both before the look, which is not older then.
+            robots, until = self._robots(), self._clock() + self._span
+            self._sighting = sighting = _Sighting(self._stations(), robots, until)
+        return sighting
+
+    def _reply(self, query: Query, sighting: _Sighting) -> str:
         match query:
             case text.Positions():
-                return text.positions(_position(one) for one in stations)
+                return _positions(sighting)
             case BetweenRobots():
-                return text.obstacles(query, self._between(query, stations))
+                return text.obstacles(query, self._between(query, sighting))
             case BetweenPoints():
                 ends = flip_point(query.start_point), flip_point(query.end_point)
                 return text.obstacles(query, self._obstacles.count(*ends))
             case _:
                 return ""
 
-    def _between(self, query: BetweenRobots, stations: Sequence[Station]) -> int:
-        start, end = _find(stations, query.start), _find(stations, query.end)
-        if start is None or end is None:
+    def _between(self, query: BetweenRobots, sighting: _Sighting) -> int:
+        ends = sighting.ends(query)
+        if ends is None:
             return text.UNKNOWN_COUNT
-        return self._obstacles.count(start.position, end.position)
+        if self._span:
+            return sighting.count(ends, self._obstacles)
+        # Nobody asks about this moment again.
+        return self._obstacles.count(*(sighting.stations[one].position for one in ends))
+
+
+def _positions(sighting: _Sighting) -> str:
+    return text.positions(_position(one) for one in sighting.stations)
 
 
 def _position(station: Station) -> text.Position:
     return text.Position(station.name, flip_point(station.position), station.battery_empty)
-
-
-def _find(stations: Sequence[Station], name: str) -> Station | None:
-    """The first station of a name, whatever its case (side channels 3.3)."""
-    wanted = name.lower()
-    return next((one for one in stations if one.name.lower() == wanted), None)
 
 
 PAWN = "pawn"

@@ -96,15 +96,22 @@ class StaticGeometry:
             _meet(plane, origins, directions, surfaces)
         return surfaces
 
-    def first_hit(self, origin: Array, direction: Array, reach: float) -> SceneryHit | None:
-        """What a ray from (3,) m along a unit vector (3,) meets first within reach (m), if any."""
-        found = self.cast(origin[None], direction[None], normals=True)
-        distance, geom = float(found.distances[0]), int(found.geoms[0])
-        if geom < 0 or distance > reach:
-            return None
+    def first_hits(
+        self, origins: Array, directions: Array, reaches: Array
+    ) -> list[SceneryHit | None]:
+        """What each ray from (n, 3) m along a unit vector (n, 3) meets first within its reach (n,),
+        m; None: nothing."""
+        found = self.cast(origins, directions, normals=True)
+        met = (found.geoms >= 0) & (found.distances <= reaches)
+        if not met.any():
+            return [None] * len(origins)
         assert found.normals is not None
-        entering = float(found.normals[0] @ direction) <= 0.0
-        return SceneryHit(distance, geom, self.names[geom], entering)
+        entering = products(found.normals, directions) <= 0.0
+        columns = (found.distances, found.geoms, entering, met)
+        return [
+            SceneryHit(distance, geom, self.names[geom], enters) if hit else None
+            for distance, geom, enters, hit in zip(*(c.tolist() for c in columns), strict=True)
+        ]
 
 
 def is_visible(model: mujoco.MjModel, geom: int) -> bool:
