@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from batch_tasks import Told, play
+from held_ports import held_port
 
 from usarsim_batch.engines import Here, Local, find_engine
 from usarsim_batch.errors import BatchError
@@ -47,17 +47,15 @@ def test_nothing_is_left_behind() -> None:
 def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
     """Address of a Dask scheduler, and its two workers."""
     pytest.importorskip("distributed")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    place = f"127.0.0.1:{port}"
     bound = ["--host", "127.0.0.1"]
-    commands = [
-        ["scheduler", *bound, "--port", str(port), "--no-dashboard"],
-        *[["worker", f"tcp://{place}", *bound, "--nthreads", "1", "--no-nanny", "--no-dashboard"]]
-        * 2,
-    ]
+    worker = [*bound, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
     with ExitStack() as stack:
+        port = stack.enter_context(held_port())
+        place = f"127.0.0.1:{port}"
+        commands = [
+            ["scheduler", *bound, "--port", str(port), "--no-dashboard"],
+            *[["worker", f"tcp://{place}", *worker]] * 2,
+        ]
         programs = []
         for number, words in enumerate(commands):
             log = stack.enter_context((tmp_path / f"{number}.log").open("wb"))

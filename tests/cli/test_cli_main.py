@@ -113,7 +113,7 @@ def test_user_error_is_one_line_and_exit_code_2(app: ModuleType, capsys) -> None
         raise WorldError("yard: no such world (known: arena)")
 
     app.act = act
-    assert main(["serve"]) == 2
+    assert main(["serve", "--port", "0"]) == 2
     captured = capsys.readouterr()
     assert (captured.out, captured.err) == ("", "error: yard: no such world (known: arena)\n")
 
@@ -126,7 +126,7 @@ def test_defect_is_not_hidden(app: ModuleType) -> None:
 
     app.act = act
     with pytest.raises(ZeroDivisionError):
-        main(["serve"])
+        main(["serve", "--port", "0"])
 
 
 def test_interrupted_listing_has_the_code_of_the_shell(monkeypatch) -> None:
@@ -174,7 +174,7 @@ def test_serve_sets_the_log_level_first(app: ModuleType, monkeypatch) -> None:
     levels = []
     monkeypatch.setattr("usarsim_server.logs.configure", levels.append)
     app.act = lambda: len(levels)
-    assert main(["serve", "--log-level", "debug"]) == 1
+    assert main(["serve", "--port", "0", "--log-level", "debug"]) == 1
     assert levels == ["debug"]
 
 
@@ -199,7 +199,7 @@ def test_serve_gives_the_signal_handler_back(app: ModuleType) -> None:
 
     before = signal.signal(signal.SIGTERM, mine)
     try:
-        assert main(["serve"]) == 0
+        assert main(["serve", "--port", "0"]) == 0
         assert signal.getsignal(signal.SIGTERM) is mine
     finally:
         signal.signal(signal.SIGTERM, before)

@@ -28,7 +28,7 @@ class TestAtOurServer:
     def test_a_name_that_is_taken(self, ports: Ports) -> None:
         """In whatever spelling; the other robot keeps it, and nobody comes in as R1_2."""
         with connect_blocking(
-            port=ports["control"], groundtruth_port=ports["groundtruth"]
+            port=ports["control"], timeout=PATIENCE, groundtruth_port=ports["groundtruth"]
         ) as server:
             robot = server.spawn("P3AT", "R1")
             for name in ("R1", "r1", " R1 "):
@@ -43,7 +43,7 @@ class TestAtOurServer:
     def test_the_name_is_that_of_the_server(self, ports: Ports) -> None:
         """Blanks and braces are in no name; radio and ground truth know the one that is told."""
         with connect_blocking(
-            port=ports["control"], groundtruth_port=ports["groundtruth"]
+            port=ports["control"], timeout=PATIENCE, groundtruth_port=ports["groundtruth"]
         ) as server:
             robot = server.spawn("P3AT", "My {first} robot")
             assert robot.name == "My_first_robot"
@@ -52,7 +52,7 @@ class TestAtOurServer:
 
     def test_reasons_are_told_at_once(self, ports: Ports) -> None:
         """Of whatever fails, with one hint, not two."""
-        with connect_blocking(port=ports["control"]) as server:
+        with connect_blocking(port=ports["control"], timeout=PATIENCE) as server:
             for name in ("R1", None):
                 with pytest.raises(SpawnError, match=r"unknown class; did you mean `P3AT`\?$"):
                     server.spawn("P3TA", name)
@@ -61,7 +61,7 @@ class TestAtOurServer:
 
     def test_people(self, ports: Ports) -> None:
         """Their names are as exact, and are no robots'."""
-        with connect_blocking(port=ports["control"]) as server:
+        with connect_blocking(port=ports["control"], timeout=PATIENCE) as server:
             server.spawn("P3AT", "Ann", location=(0.0, 3.0, 0.0))
             server.avatar("USARAvatarNewMale", "Ann")
             with pytest.raises(NameTakenError, match="the name Ann is taken"):
@@ -73,7 +73,9 @@ class TestAtOurServer:
         async def play() -> None:
             async with (
                 FakeServer(lambda _: [positions("R7")], greeting="") as truth,
-                connect(port=ports["control"], groundtruth_port=truth.port) as server,
+                connect(
+                    port=ports["control"], timeout=PATIENCE, groundtruth_port=truth.port
+                ) as server,
             ):
                 assert (await server.spawn("P3AT", "R7")).name == "R7"
                 assert truth.connections == 0

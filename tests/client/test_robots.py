@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from itertools import pairwise
 
 import pytest
+from held_ports import held_port
 
 from usarsim_client import (
     NoAnswerError,
@@ -96,7 +97,7 @@ def test_robot_of_a_dialect(ports: Ports, class_name: str, dialect: Dialect, sta
 
 def test_refused(ports: Ports) -> None:
     """A robot and a start pose that do not exist."""
-    with connect_blocking(port=ports["control"]) as server:
+    with connect_blocking(port=ports["control"], timeout=PATIENCE) as server:
         with pytest.raises(SpawnError, match=r"no P3TA came into the world.*did you mean `P3AT`\?"):
             server.spawn("P3TA")
         with pytest.raises(SpawnError, match=r"RobotStrat1; did you mean RobotStart1\?"):
@@ -193,10 +194,12 @@ def test_lockstep() -> None:
 def test_robot_comes_back_to_a_server_that_was_restarted() -> None:
     """Under its name, with its old streams."""
     with ExitStack() as client:
-        with running_server(world="empty") as (_, endpoints):
-            port = endpoints["control"].port
+        port = client.enter_context(held_port())
+        with running_server(world="empty", port=port):
             retry = Retry(first=0.02, most=0.1)
-            server = client.enter_context(connect_blocking(port=port, retry=retry))
+            server = client.enter_context(
+                connect_blocking(port=port, timeout=PATIENCE, retry=retry)
+            )
             robot = server.spawn("P3AT", "Phoenix")
             scans = robot.scans()
             assert next(scans).time > 0.0

@@ -12,6 +12,7 @@ from usarsim_conformance.control import ControlClient, Robot
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
 from usarsim_conformance.wire import Transcript, Wire
+from usarsim_server.testing import PATIENCE
 
 Story = Callable[
     [SimulatedClock, asyncio.StreamWriter, Wire, asyncio.StreamWriter], Awaitable[None]
@@ -194,7 +195,7 @@ def test_a_server_that_hangs() -> None:
 
 async def stalls(waiting: Awaitable[object]) -> None:
     """Whoever waits is told that time stands still, and long before an hour has passed."""
-    async with asyncio.timeout(30.0):
+    async with asyncio.timeout(PATIENCE):
         with pytest.raises(Stalled):
             await waiting
 
@@ -232,7 +233,7 @@ def test_a_robot_that_is_hung_up_on_has_a_successor() -> None:
         clock = SimulatedClock(3600.0)
         await clock.follow(lambda: Wire.open("127.0.0.1", port, Transcript(), "x", clock))
         try:
-            async with asyncio.timeout(30.0):
+            async with asyncio.timeout(PATIENCE):
                 for time in (1.0, 50.0, 7.0):
                     robot = await ends.get()
                     await tell(clock, robot, time)

@@ -43,7 +43,7 @@ def faulty(name: str, ports: Mapping[str, int]) -> Iterator[str]:
         yield str(port)
     finally:
         loop.call_soon_threadsafe(stop.set)
-        thread.join(5.0)
+        thread.join(PATIENCE)
 
 
 _FAST = ["--robot", "P2AT", "--dialect", "ut2004"]

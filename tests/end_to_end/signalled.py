@@ -16,7 +16,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-HANG = 30.0
+from usarsim_server.testing import PATIENCE
+
+HANG = PATIENCE
 """s of wall time after which a program that does not end is killed."""
 
 

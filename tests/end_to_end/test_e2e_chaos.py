@@ -27,11 +27,12 @@ from usarsim_maps.cache import KEPT, RECORD, ImportCache
 from usarsim_maps.convert import Request, import_map
 from usarsim_record.recording import read
 from usarsim_server.radio.event_log import Event, EventLog
+from usarsim_server.testing import PATIENCE
 from usarsim_server.worlds.loader import load_world
 
 HERE = Path(__file__).parent
 PACKAGES = (HERE.parents[1] / "usarsim_server", HERE.parents[1] / "tools")
-HANG = 60.0
+HANG = PATIENCE
 
 
 def usarsim(*arguments: str) -> list[str]:

@@ -254,7 +254,7 @@ class Member:
         self._stop = threading.Event()
         place = f"{10 * number},10,-0.3"
         client.send(f"INIT {{ClassName P3AT}} {{Name R{number}}} {{Location {place}}}")
-        client.wait_for("STA", 30.0)
+        client.wait_for("STA", PATIENCE)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -268,13 +268,13 @@ class Member:
     def end(self) -> None:
         """Hang up."""
         self._stop.set()
-        self._thread.join(10.0)
+        self._thread.join(PATIENCE)
         self.client.close()
 
     def _run(self) -> None:
         try:
             while not self._stop.is_set():
-                line = self.client.read_line(30.0)
+                line = self.client.read_line(PATIENCE)
                 if not WHOLE.fullmatch(line):
                     self.cut.append(line)
                 if found := TIME.match(line):

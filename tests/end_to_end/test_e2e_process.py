@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 
 import pytest
+from held_ports import held_port
 from signalled import HANG, Ending, finished, signalled
 from test_e2e_import import level
 
@@ -213,26 +214,24 @@ def test_a_second_server_says_so_before_it_loads(flag: str, tmp_path: Path) -> N
 
 def test_clients_wait_for_the_world() -> None:
     """The port is open before the world is loaded; who comes so early is greeted afterwards."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
     off = [one for one in PORTS if not one.startswith("--port")]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "usarsim_server", "serve", *off, f"--port={port}"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    )
-    try:
-        while (client := socket.socket()).connect_ex(("127.0.0.1", port)):
-            client.close()
-            assert process.poll() is None
-            time.sleep(0.01)
-        with client:
-            client.settimeout(HANG)
-            assert client.recv(1000).startswith(b"NFO {Gametype")
-        assert process.stdout is not None
-        assert process.stdout.readline().startswith("READY control=")
-    finally:
-        process.kill()
-        process.communicate()
+    with held_port() as port:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "usarsim_server", "serve", *off, f"--port={port}"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        try:
+            while (client := socket.socket()).connect_ex(("127.0.0.1", port)):
+                client.close()
+                assert process.poll() is None
+                time.sleep(0.01)
+            with client:
+                client.settimeout(HANG)
+                assert client.recv(1000).startswith(b"NFO {Gametype")
+            assert process.stdout is not None
+            assert process.stdout.readline().startswith("READY control=")
+        finally:
+            process.kill()
+            process.communicate()

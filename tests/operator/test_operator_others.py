@@ -14,7 +14,7 @@ from PIL import Image
 from usarsim_client import connect, readings
 from usarsim_operator.roles import Role
 from usarsim_server.protocol.dialects import DialectMode
-from usarsim_server.testing import running_server
+from usarsim_server.testing import PATIENCE, running_server
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def ports() -> Iterator[dict[str, int]]:
 async def test_timed_moves_of_a_robot_taken_over(ports: dict[str, int]) -> None:
     """O-14: 90 degrees within 1, 1 m within 2 cm, also of a robot that tells us nothing."""
     async with (
-        connect(port=ports["control"]) as server,
+        connect(port=ports["control"], timeout=PATIENCE) as server,
         gateway(ports["control"], scene=ports["scene"]) as console,
         console.page() as page,
     ):
@@ -54,7 +54,7 @@ async def test_timed_moves_of_a_robot_taken_over(ports: dict[str, int]) -> None:
 async def test_a_robot_of_another_controller_fails(ports: dict[str, int]) -> None:
     """HRI-17: its controller is held back until it recovers, and then drives on."""
     async with (
-        connect(port=ports["control"]) as server,
+        connect(port=ports["control"], timeout=PATIENCE) as server,
         gateway(ports["control"], scene=ports["scene"]) as console,
         console.page("Ina", Role.INSTRUCTOR) as page,
     ):
@@ -152,7 +152,11 @@ async def test_names_that_the_console_invents_are_free() -> None:
     """Another console has robots of such names already; a name that was asked for is refused."""
     with running_server(world="empty", dialect=DialectMode.UDK) as (assembly, endpoints):
         port = endpoints["control"].port
-        async with connect(port=port) as other, gateway(port) as console, console.page() as page:
+        async with (
+            connect(port=port, timeout=PATIENCE) as other,
+            gateway(port) as console,
+            console.page() as page,
+        ):
             for number in range(1, 6):
                 place = (0.0, 3.0 * number, -0.3)
                 await other.spawn("P3AT", f"Console{number}", location=place)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import socket
 import stat
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -12,6 +11,7 @@ from urllib.parse import urlsplit
 import aiohttp
 import pytest
 from console_rig import Console
+from held_ports import held_port
 
 from usarsim_operator.roles import Role
 from usarsim_operator.tokens import kept_tokens
@@ -91,10 +91,7 @@ async def _hello(url: str, token: str) -> str:
 
 def test_page_comes_back_after_a_restart(tmp_path: Path) -> None:
     """With the token that it has; a wrong one is still refused, also the one of another file."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    with running_server(world="empty") as (_, endpoints):
+    with held_port() as port, running_server(world="empty") as (_, endpoints):
         control, urls = endpoints["control"].port, []
         for file in ("tokens", "tokens", "others"):
             options = (f"--console-port={port}", f"--tokens={tmp_path / file}")

@@ -18,7 +18,7 @@ import pytest
 from usarsim_record.proxy import Proxy
 from usarsim_record.recording import Link, Writer, read
 from usarsim_server.cli import main
-from usarsim_server.testing import ScriptedClient, running_server
+from usarsim_server.testing import PATIENCE, ScriptedClient, running_server
 
 Dialogue = Callable[[dict[str, int]], None]
 
@@ -110,13 +110,13 @@ def recorded(file: Path, ports: dict[str, int], dialogue: Dialogue) -> None:
     thread = threading.Thread(target=asyncio.run, args=(record(),))
     thread.start()
     try:
-        assert ready.wait(5.0)
+        assert ready.wait(PATIENCE)
         dialogue(found)
         time.sleep(0.1)
     finally:
         for stop in stops:
             stop()
-        thread.join(5.0)
+        thread.join(PATIENCE)
 
 
 @pytest.fixture(scope="module", params=DIALOGUES)
@@ -229,7 +229,7 @@ def test_the_command_records_until_it_is_interrupted(ports: dict[str, int], tmp_
         with ScriptedClient(int(words[1].partition("->")[0].rpartition(":")[2])) as client:
             greeting = client.read_line()
         process.send_signal(signal.SIGINT)
-        assert process.wait(10.0) == 0
+        assert process.wait(PATIENCE) == 0
     finally:
         process.kill()
         process.stdout.close()

@@ -10,6 +10,7 @@ import socket
 import time
 
 import pytest
+from held_ports import held_port
 
 from usarsim_server.errors import ServiceError
 from usarsim_server.services import listener as module
@@ -83,11 +84,11 @@ async def test_busy_port_is_one_clear_error_with_the_cure() -> None:
 
 async def test_port_is_free_again_after_stop() -> None:
     """Stopping releases the port at once, connections that lingered notwithstanding."""
-    async with listening() as (_, endpoint):
-        assert await echoes(endpoint)
-    async with listening(port=endpoint.port) as (_, again):
-        assert again.port == endpoint.port
-        assert await echoes(again)
+    with held_port() as port:
+        for _ in range(2):
+            async with listening(port=port) as (_, endpoint):
+                assert endpoint.port == port
+                assert await echoes(endpoint)
 
 
 @pytest.mark.parametrize(
