@@ -124,6 +124,8 @@ class Models:
         self._bodies: list[Body] = []
         self._alone: Node | None = None
         self._count = 0
+        self._met: set[str] = set()  # full names of models, links and lights
+        self._unknown: list[str] = []  # beginnings of names within models that are not there
 
     def world(self, document: Document, owner: Node) -> list[Body]:
         """All bodies below a `world` element, or below the root of a model file.
@@ -152,6 +154,8 @@ class Models:
         for item in scope.items:
             name = _name(item)
             if name in self.saved.deleted:
+                self._met.add(name)
+                self._unknown.append(f"{name}::")
                 continue
             place = _Place(
                 np.eye(4),
@@ -164,8 +168,18 @@ class Models:
             self._moving(joined)
         return self._bodies
 
+    def count_unmet(self) -> None:
+        """Count what the saved state places and the world does not have.
+
+        Lights have to have been asked for, by `light`.
+        """
+        for kind, name in self.saved.names():
+            if name not in self._met and not name.startswith(tuple(self._unknown)):
+                self._elements.leave(f"state {kind}", name)
+
     def light(self, name: str, matrix: Array) -> Array | None:
         """Where a light is by the saved state, else by its matrix; None if it was deleted."""
+        self._met.add(name)
         if name in self.saved.deleted:
             return None
         return self.saved.lights.get(name, matrix)
@@ -313,7 +327,12 @@ class Models:
         if node.tag not in ("model", "include"):
             return
         if entry is None:
-            self._absent(node, place.matrix @ scope.place(item))
+            saved = None if place.saved is None else place.saved.inner(item.name)
+            matrix = None if saved is None else saved.matrix
+            name = _joined(place.prefix, item.name)
+            self._met.add(name)
+            self._unknown.append(f"{name}::")
+            self._absent(node, place.matrix @ scope.place(item) if matrix is None else matrix)
         elif entry.node.tag == "light":
             self._light(entry.document, entry.node, place.matrix @ scope.place(item), entry.name)
         elif entry.node.tag == "actor":
@@ -344,7 +363,9 @@ class Models:
         """Links of a model and of the models in it."""
         node = entry.node
         name = _joined(place.prefix, entry.name)
+        self._met.add(name)
         if name in self.saved.deleted:
+            self._unknown.append(f"{name}::")
             return
         if item.node.tag == "include":
             self.names.append(entry.uri)
@@ -363,6 +384,7 @@ class Models:
             whole = _Assembly(name)
         links = []
         for link in scope.all("link"):
+            self._met.add(_joined(name, link.name))
             standing = saved.links.get(link.name)
             if standing is None:
                 standing = matrix @ _scaled(scope.place(link), scale)

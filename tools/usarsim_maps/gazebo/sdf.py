@@ -189,6 +189,7 @@ class _World:
         for document, light, matrix in self._models.lights:
             self._lights.append(light_of(document, light, self._root @ matrix, self._unit))
         self._builtin()
+        self._models.count_unmet()
         self._rest(owner)
         starts, victims = self._places()
         return Scene(

@@ -27,17 +27,29 @@ class SavedModel:
     models: dict[str, SavedModel] = field(default_factory=dict)  # nested ones by name
 
     def inner(self, name: str) -> SavedModel | None:
-        """What is said about a model in this one, under its own name or in names of links."""
+        """What is said about a model in this one: under its own name, or in names of links and
+        models that step into it."""
         prefix = f"{name}::"
-        links = {
-            link.removeprefix(prefix): matrix
-            for link, matrix in self.links.items()
-            if link.startswith(prefix)
-        }
+        links, models = (
+            {
+                word.removeprefix(prefix): value
+                for word, value in known.items()
+                if word.startswith(prefix)
+            }
+            for known in (self.links, self.models)
+        )
         own = self.models.get(name)
         if own is None:
-            return SavedModel(links=links) if links else None
-        return SavedModel(own.matrix, own.scale, links | own.links, own.models)
+            return SavedModel(links=links, models=models) if links or models else None
+        return SavedModel(own.matrix, own.scale, links | own.links, models | own.models)
+
+    def names(self, prefix: str = "") -> Iterator[tuple[str, str]]:
+        """Kinds and full names of all that something is said about."""
+        for link in self.links:
+            yield "link", prefix + link
+        for name, model in self.models.items():
+            yield "model", prefix + name
+            yield from model.names(f"{prefix}{name}::")
 
 
 @dataclass(slots=True, eq=False)
@@ -47,6 +59,12 @@ class SavedWorld:
     models: dict[str, SavedModel] = field(default_factory=dict)  # by name
     lights: dict[str, Array] = field(default_factory=dict)  # matrices by name
     deleted: set[str] = field(default_factory=set)  # names of what was removed
+
+    def names(self) -> Iterator[tuple[str, str]]:
+        """Kinds and full names of all whose place or size the state says."""
+        yield from SavedModel(models=self.models).names()
+        for light in self.lights:
+            yield "light", light
 
 
 class SavedStates:
