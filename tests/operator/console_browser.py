@@ -35,24 +35,26 @@ navigator.getGamepads = () => {
   window.padLooks += 1;
   return window.pads;
 };
-window.plug = (id, mapping = "standard", axes = [0, 0, 0, 0], count = 17) => {
+window.plug = (id, mapping = "standard", axes = [0, 0, 0, 0], count = 17, index = 0) => {
   const buttons = Array.from({ length: count }, () => ({ pressed: false, value: 0 }));
-  window.pads[0] = { id, mapping, index: 0, connected: true, timestamp: 0, axes, buttons };
+  window.pads[index] = { id, mapping, index, connected: true, timestamp: 0, axes, buttons };
   const event = new Event("gamepadconnected");
-  event.gamepad = window.pads[0];
+  event.gamepad = window.pads[index];
   dispatchEvent(event);
 };
-window.unplug = () => {
+window.unplug = (index = 0) => {
   const event = new Event("gamepaddisconnected");
-  event.gamepad = { ...window.pads[0], connected: false };
-  window.pads[0] = null;
+  event.gamepad = { ...window.pads[index], connected: false };
+  window.pads[index] = null;
   dispatchEvent(event);
 };
-window.hold = (...pressed) => window.pads[0].buttons.forEach((one, i) => {
+window.holdOn = (index, ...pressed) => window.pads[index].buttons.forEach((one, i) => {
   one.pressed = pressed.includes(i);
   one.value = Number(one.pressed);
 });
-window.tilt = (...axes) => { window.pads[0].axes = axes; };
+window.hold = (...pressed) => window.holdOn(0, ...pressed);
+window.tiltOn = (index, ...axes) => { window.pads[index].axes = axes; };
+window.tilt = (...axes) => window.tiltOn(0, ...axes);
 window.slowFrames = (ms) => {
   const frame = () => {
     const end = performance.now() + ms;
@@ -307,6 +309,16 @@ async def escape_twice(page: Any, stopped: Callable[[], object]) -> None:
                 if stopped():
                     break
                 await asyncio.sleep(0.02)
+
+
+async def release(page: Any) -> None:
+    """Hold the button that releases the emergency stop until nothing is stopped any more."""
+    await page.hover("[data-do=release]")
+    await page.mouse.down()
+    try:
+        await becomes(page, "!window.usarsim.store.state.estop")
+    finally:
+        await page.mouse.up()
 
 
 async def looks_at_pads(page: Any) -> None:

@@ -51,6 +51,7 @@ class FakeGateway:
         self.trails: list[list[float]] = [[] for _ in range(robots)]
         self.sequence = 0
         self.pages = 0
+        self.asked: list[dict[str, Any]] = []  # questions for the next page that listens
 
     def _start(self, i: int) -> list[float]:
         turn = 2 * math.pi * i / self.count
@@ -288,6 +289,8 @@ class FakeGateway:
             silent = self.frozen
             if silent:
                 continue
+            while self.asked:
+                await socket.send_json({"type": "asked", **self.asked.pop()})
             tick += 1
             if tick % 2 == 0:
                 await socket.send_json(self.state())

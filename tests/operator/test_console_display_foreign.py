@@ -131,8 +131,10 @@ def test_it_is_driven_and_stopped(site: Site) -> None:
     page.keyboard.up("w")
     pressed = "document.querySelector('[data-do=estop]').ariaPressed === 'true'"
     until(lambda: escaped_twice(page, lambda: page.evaluate(pressed)))
-    page.click("[data-do=estop]")
+    page.hover("[data-do=release]")
+    page.mouse.down()
     until(lambda: page.get_attribute("[data-do=estop]", "aria-pressed") == "false")
+    page.mouse.up()
 
 
 def test_a_server_that_hangs_is_noticed(site: Site) -> None:

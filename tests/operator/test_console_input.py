@@ -17,7 +17,7 @@ import pytest
 
 pytest.importorskip("aiohttp")
 
-from console_browser import Stage, becomes, looks_at_pads, staged, until
+from console_browser import Stage, becomes, looks_at_pads, release, staged, until
 from console_harness import gateway
 
 from usarsim_operator.observers import MissionRow
@@ -266,7 +266,7 @@ async def test_a_stop_is_not_driven_away_by_a_held_key(stage: Stage) -> None:
         await page.click("[data-do=estop]")
         await until(lambda: stage.gateway.station.arbiter.stop is not None)
         await page.wait_for_selector('[data-do=estop][aria-pressed="true"]')
-        await page.click("[data-do=estop]")
+        await release(page)
         await page.wait_for_selector('[data-do=estop][aria-pressed="false"]')
         count = len(stage.wire.drives("R1"))
         await asyncio.sleep(0.3)

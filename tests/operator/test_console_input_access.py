@@ -84,9 +84,10 @@ async def test_a_mission_by_keyboard_alone(stage: Stage) -> None:
         await page.keyboard.press("Space")
         await until(lambda: stage.gateway.station.arbiter.stop is not None)
         await page.wait_for_selector('[data-do=estop][aria-pressed="true"]')
-        await page.focus("[data-do=estop]")
-        await page.keyboard.press("Enter")
+        await page.focus("[data-do=release]")
+        await page.keyboard.down("Enter")
         await until(lambda: stage.gateway.station.arbiter.stop is None)
+        await page.keyboard.up("Enter")
         # The focus is where it was before a dialog took it.
         await page.focus("[data-do=keys]")
         await page.keyboard.press("Enter")

@@ -15,7 +15,7 @@ import pytest
 pytest.importorskip("aiohttp")
 
 from aiohttp import web
-from console_browser import Stage, becomes, escape_twice, shown, staged, until
+from console_browser import Stage, becomes, escape_twice, release, shown, staged, until
 from console_harness import gateway
 
 from usarsim_operator.roles import Role
@@ -130,7 +130,7 @@ async def test_one_action_stops_every_robot(stage: Stage, way: str) -> None:
         await page.wait_for_selector('[data-do=estop][aria-pressed="true"]:has-text("Ada")')
         if way == "pad":
             await page.keyboard.press("Escape")
-        await page.click("[data-do=estop]")
+        await release(page)
         await until(lambda: arbiter.stop is None)
 
 
@@ -147,14 +147,14 @@ async def test_a_stop_outlives_the_gateway(stage: Stage) -> None:
             await notice(page, "stopped by Ada")
             await page.keyboard.up("w")
             assert all(pair == ZERO for pair in stage.wire.drives("Later"))
-            await page.click("[data-do=estop]")
+            await release(page)
             await page.wait_for_selector('[data-do=estop][aria-pressed="false"]')
             await page.keyboard.down("w")
             await stage.driven("Later", (0.6, 0.6))
             await page.keyboard.up("w")
         assert not stage.latch.exists()
     async with stage.page() as page:
-        await page.click("[data-do=estop]")  # the first gateway goes on as it was
+        await release(page)  # the first gateway goes on as it was
         await until(lambda: stage.gateway.station.arbiter.stop is None)
 
 
@@ -235,7 +235,7 @@ async def test_an_operator_says_who_it_is(stage: Stage) -> None:
 async def test_a_viewer_is_offered_nothing_that_it_may_not_do(stage: Stage) -> None:
     """No button, key or double click of a viewer asks for what would be refused; it is told how
     late it sees, and its own switches are answered at once."""
-    looks = {"hello", "ping", "select", "camera", "laser"}
+    looks = {"hello", "ping", "shown", "select", "camera", "laser"}
     async with gateway(stage.tap, delay=0.5) as second:
         await second.station.spawn("P3AT", "Watched", "RobotStart13")
         second.station.marks.set({"robot": "Watched", "place": (1.0, 2.0, 0.0)}, "Ada", 0.0)

@@ -1,5 +1,6 @@
 // Alarms, marks, notices and questions: at most five lines of alarms, the gravest first.
 
+import { dialog } from "./dialog";
 import { button, h, panel, say } from "./dom";
 import type { Link } from "./link";
 import type { Alarm, Vector } from "./protocol";
@@ -21,7 +22,12 @@ const SIGNS = { 1: "○", 2: "△", 3: "■" };
 export function alarmList(store: Store, link: Link): HTMLElement {
   const list = h("ol", { class: "alarms", "data-alarms": true, "aria-live": "polite" });
   const more = h("p", { class: "quiet", "data-alarms-hidden": true });
-  const all = button("Acknowledge", "acknowledge", () => acknowledgeFirst(store, link), "K");
+  const all = button("Acknowledge", "acknowledge", () => acknowledgeFirst(store, link));
+  const named = (): void => {
+    all.title = store.keys.of("acknowledge");
+  };
+  named();
+  store.on("bindings", named);
   const element = panel("alarms", "Alarms", [all], list, more);
   let before = "";
   store.on("state", () => {
@@ -75,6 +81,9 @@ export function markList(store: Store, link: Link, edit: (id: number) => void): 
   const list = h("ol", { class: "marks", "data-marks": true });
   const element = panel("marks", "Victims marked", [], list);
   let before = "";
+  store.on("bindings", () => {
+    before = "";
+  });
   store.on("state", () => {
     const marks = store.state?.marks ?? [];
     const key = JSON.stringify(marks);
@@ -94,7 +103,8 @@ export function markList(store: Store, link: Link, edit: (id: number) => void): 
         ),
       ),
     );
-    const none = store.welcome?.role === "viewer" ? "none" : "none; M marks one";
+    const none =
+      store.welcome?.role === "viewer" ? "none" : `none; ${store.keys.of("mark")} marks one`;
     if (marks.length === 0) list.append(h("li", { class: "quiet" }, none));
   });
   return element;
@@ -124,41 +134,34 @@ export function markDialog(
   });
 }
 
-/** A modal dialog with a form; the browser keeps the focus in it and gives it back. */
-export function dialog(
-  title: string,
-  body: Node[],
-  accept: string,
-  accepted: () => void,
-  decline = "Cancel",
-  declined: () => void = () => {},
-): HTMLDialogElement {
-  const no = button(decline, "cancel", () => element.close("no"));
-  const yes = h("button", { type: "submit", class: "primary", "data-do": "accept" }, accept);
-  const form = h(
-    "form",
-    { method: "dialog" },
-    h("h2", {}, title),
-    ...body,
-    h("div", { class: "dialog-foot" }, no, yes),
-  );
-  const element = h("dialog", { "data-dialog": true, "aria-label": title }, form);
-  form.addEventListener("submit", (event) => {
-    event.preventDefault();
-    element.close("yes");
+/** What somebody who wants this page's robot asks; in a row of the page, so that it lies over no control. */
+export function questions(store: Store, link: Link): HTMLElement {
+  const element = h("div", { class: "questions", "data-questions": true });
+  store.on("asked", (question) => {
+    const { robot, page, name } = question as { robot: string; page: number; name: string };
+    // Not a dialog: that would take the keys from one who drives, and stop the robot.
+    const reply = (grant: boolean) => () => {
+      card.remove();
+      link.request({ type: "reply", robot, to: page, grant });
+    };
+    const title = `${name} asks for ${robot}`;
+    const keep = button("Keep", "keep", reply(false));
+    const give = button("Hand over", "hand-over", reply(true));
+    const card = h(
+      "section",
+      { class: "question", role: "alertdialog", "aria-label": title, "data-asked": robot },
+      h("h2", {}, title),
+      keep,
+      give,
+    );
+    element.append(card);
+    setTimeout(() => card.remove(), 10_000);
   });
-  element.addEventListener("close", () => {
-    if (element.returnValue === "yes") accepted();
-    else declined();
-    element.remove();
-  });
-  document.body.append(element);
-  element.showModal();
   return element;
 }
 
-/** Notices for a few seconds, and the question of one who wants this page's robot. */
-export function notices(store: Store, link: Link): HTMLElement {
+/** Notices for a few seconds. */
+export function notices(store: Store): HTMLElement {
   const element = h("div", { class: "notices", "data-notices": true, role: "status" });
   const show = (text: string): void => {
     const note = h("p", {}, text);
@@ -177,25 +180,6 @@ export function notices(store: Store, link: Link): HTMLElement {
     const taker = value as { page: number; name: string } | null;
     if (kind === "lock" && taker && before === store.welcome?.page && taker.page !== before)
       show(`${taker.name} drives ${robot} now`);
-  });
-  store.on("asked", (question) => {
-    const { robot, page, name } = question as { robot: string; page: number; name: string };
-    // Not a dialog: that would take the keys from one who drives, and stop the robot.
-    const reply = (grant: boolean) => () => {
-      card.remove();
-      link.request({ type: "reply", robot, to: page, grant });
-    };
-    const title = `${name} asks for ${robot}`;
-    const keep = button("Keep", "keep", reply(false));
-    const give = button("Hand over", "hand-over", reply(true));
-    const card = h(
-      "section",
-      { class: "question", role: "alertdialog", "aria-label": title, "data-asked": robot },
-      h("h2", {}, title),
-      h("div", { class: "dialog-foot" }, keep, give),
-    );
-    document.body.append(card);
-    setTimeout(() => card.remove(), 10_000);
   });
   return element;
 }

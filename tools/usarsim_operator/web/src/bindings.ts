@@ -84,16 +84,21 @@ export function defaults(): Bindings {
   };
 }
 
-/** Throws BindingError, with both names, where two actions want one key, button or axis, or one that is fixed. */
-export function check(bindings: Bindings): void {
+/**
+ * Throws BindingError, with both names, where two actions want one key, button or axis, or one that is fixed; `name` says
+ * what a key is called there.
+ */
+export function check(bindings: Bindings, name: (code: string) => string = (code) => code): void {
   const keys = Object.entries(bindings.keys).flatMap(([action, codes]) =>
     codes.map((code): [string, string] => [code, ACTIONS[action as Action]]),
   );
   for (const [code, action] of keys) {
     if (/^Digit[0-9]$|^Escape$|^Tab$|^Enter$/.test(code))
       throw new BindingError(`${code} is fixed and cannot be "${action}"`);
+    if (/^(Control|Alt|Meta|OS)(Left|Right)?$/.test(code))
+      throw new BindingError(`${code} is the browser's and cannot be "${action}"`);
   }
-  distinct(keys);
+  distinct(keys.map(([code, action]) => [name(code), action]));
   const buttons = Object.entries(bindings.buttons);
   distinct(buttons.map(([name, n]) => [`button ${n}`, PAD_ACTIONS[name as PadAction]]));
   distinct(Object.entries(bindings.axes).map(([name, n]) => [`axis ${n}`, name]));

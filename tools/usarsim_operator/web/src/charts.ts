@@ -2,7 +2,7 @@
 // tells one, else how long ago the robot was heard).
 
 import uPlot from "uplot";
-import { button, colour, h, mark, panel, robotColour, say } from "./dom";
+import { button, colour, h, mark, panel, rem, robotColour, say } from "./dom";
 import type { Sample, Store } from "./store";
 
 interface Series {
@@ -41,6 +41,7 @@ const SILENCE: Series = {
   of: (s) => s.age,
   digits: 1,
 };
+/** Height of the axis of time, px of a rem of 16. */
 const AXIS = 18;
 const SPAN_S = 120;
 
@@ -59,7 +60,7 @@ export function charts(store: Store, linesButton: HTMLElement): HTMLElement {
   ];
   const size = (last: boolean): { width: number; height: number } => ({
     width: Math.max(120, box.clientWidth - 4),
-    height: Math.max(34, (box.clientHeight - AXIS) / 3 - 17) + (last ? AXIS : 0),
+    height: Math.max(34, (box.clientHeight - rem(AXIS)) / 3 - rem(17)) + (last ? rem(AXIS) : 0),
   });
   const fill = (): void => {
     const samples = recent();
@@ -118,7 +119,7 @@ function options(
     stroke: colour("quiet"),
     grid: { stroke: colour("line"), width: 1 },
     ticks: { show: false },
-    font: `10px ${colour("font")}`,
+    font: `${rem(10)}px ${colour("font")}`,
     gap: 3,
   };
   return {
@@ -129,11 +130,11 @@ function options(
     axes: [
       {
         ...axis,
-        size: last ? AXIS : 0,
-        space: 64,
+        size: last ? rem(AXIS) : 0,
+        space: rem(64),
         values: (_u, at) => at.map((s) => (last ? `${s} s` : "")),
       },
-      { ...axis, size: 34, space: 18 },
+      { ...axis, size: rem(34), space: rem(18) },
     ],
     series: [
       {},

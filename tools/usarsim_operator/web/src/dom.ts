@@ -102,6 +102,17 @@ export class Surface {
   }
 }
 
+let root = 0;
+globalThis.addEventListener?.("resize", () => {
+  root = 0;
+});
+
+/** px on this screen of a size that is `px` where a rem is 16 px, for what is not laid out by style sheets. */
+export function rem(px: number): number {
+  root ||= Number.parseFloat(getComputedStyle(document.documentElement).fontSize);
+  return (px * root) / 16;
+}
+
 const cache = new Map<string, string>();
 
 /** A colour of style.css by its custom property's name; remembered until the theme changes. */

@@ -1,10 +1,12 @@
 // The header: mission clock, scenario, link, pace (instructor), theme, keys, emergency stop.
 
-import { dialog } from "./alarms";
+import { belowHeader, dialog } from "./dialog";
 import { button, h, mark, say } from "./dom";
 import type { Link } from "./link";
+import { follow, listbox } from "./listbox";
 import type { State } from "./protocol";
 import { clockText, isStale, LOOK_MS } from "./staleness";
+import { stopButton } from "./stop";
 import { pageTime, type Store } from "./store";
 import { switchTheme } from "./theme";
 
@@ -26,18 +28,10 @@ export function header(store: Store, link: Link, openKeys: () => void): HTMLElem
     { class: "chip link", "data-link": "lost", role: "status" },
     "connecting",
   );
-  const stop = h("button", {
-    type: "button",
-    class: "estop",
-    "data-do": "estop",
-    "aria-pressed": "false",
-  });
-  stop.title = "Space, or Esc twice; stops every robot";
-  stop.addEventListener("click", () => toggleStop(store, link));
   const pace = paceTools(store, link);
-  const element = h(
-    "header",
-    { class: "header" },
+  const items = h(
+    "div",
+    { class: "header-items" },
     h("h1", {}, "usarsim"),
     h("div", { class: "clock-box" }, clock, remaining),
     world,
@@ -48,8 +42,9 @@ export function header(store: Store, link: Link, openKeys: () => void): HTMLElem
     state,
     button("Keys", "keys", openKeys, "keys and pad"),
     button("◐", "theme", () => theme(store), "dark or light"),
-    stop,
   );
+  const element = h("header", { class: "header" }, items, stopButton(store, link));
+  belowHeader(element);
   element.querySelector('[data-do="theme"]')?.setAttribute("aria-label", "dark or light");
 
   const draw = (): void => {
@@ -74,11 +69,6 @@ export function header(store: Store, link: Link, openKeys: () => void): HTMLElem
     mark(state, "data-link", live ? "good" : "lost");
     say(state, live ? linkText(store) : store.refused || (store.connected ? "no data" : "no link"));
     state.title = live ? linkTitle(store) : "";
-    const stopped = !!told?.estop;
-    mark(stop, "aria-pressed", stopped);
-    mark(document.documentElement, "data-estop", stopped);
-    say(stop, stopped ? `Stopped by ${told?.estop?.by ?? ""} · release` : "Stop");
-    stop.hidden = store.welcome?.role === "viewer";
   };
   store.on("state", draw);
   store.on("link", draw);
@@ -132,22 +122,17 @@ function nameDialog(store: Store, link: Link): void {
   });
 }
 
-/** Stops at once; where all is stopped, releases. */
-export function toggleStop(store: Store, link: Link): void {
-  link.request({ type: store.state?.estop ? "estop_reset" : "estop" });
-}
-
 function paceTools(store: Store, link: Link): HTMLElement {
   const act = (action: string, more: object = {}): void => {
     link.request({ type: "pace", action, ...more });
   };
   const run = button("Pause", "pause", () => act(store.state?.paused ? "run" : "pause"));
   const step = button("Step", "step", () => act("step", { seconds: 0.1 }), "0.1 s further");
-  const speed = h(
-    "select",
+  const speed = listbox(
     { "data-do": "speed", "aria-label": "speed of the world" },
-    ...SPEEDS.map((factor) => h("option", { value: factor }, `${factor}×`)),
+    SPEEDS.map((factor) => [String(factor), `${factor}×`]),
   );
+  speed.value = "1";
   speed.addEventListener("change", () => act("speed", { factor: Number(speed.value) }));
   let sure = 0;
   const reset = button("Reset", "reset", () => {
@@ -161,13 +146,13 @@ function paceTools(store: Store, link: Link): HTMLElement {
     { class: "pace", "data-pace": true, hidden: true },
     run,
     step,
-    speed,
+    h("span", { class: "drop" }, speed),
     reset,
   );
   store.on("state", () => {
     say(run, store.state?.paused ? "Run" : "Pause");
     const factor = store.state?.speed ?? 1;
-    if (document.activeElement !== speed && SPEEDS.includes(factor)) speed.value = String(factor);
+    if (SPEEDS.includes(factor)) follow(speed, String(factor));
   });
   store.on("welcome", () => {
     const { role, features } = store.welcome ?? {};

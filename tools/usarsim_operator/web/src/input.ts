@@ -1,9 +1,10 @@
 // One input state, built 60 times a second by a timer (never by animation frames, which software GL makes
 // slow), from keyboard, pad and touch; it becomes drive texts at the pace of mixing.ts. A key that starts or
-// ends a drive is sent from its own event, without waiting for the timer.
+// ends a drive is sent from its own event, without waiting for the timer. What only may have let go of a key counts as
+// letting go: a key that is held for ever drives for ever.
 
 import type { Action, Bindings, PadAction } from "./bindings";
-import { Keyboard } from "./keyboard";
+import { codeOf, Keyboard } from "./keyboard";
 import type { Link } from "./link";
 import {
   Arbiter,
@@ -20,6 +21,41 @@ import type { Robot } from "./protocol";
 import { pageTime, type Store } from "./store";
 
 const POLL_MS = 1000 / 60;
+/** A page that did not run for so long, s, slept or hung: which keys are still down is not known. */
+const ASLEEP_S = 2;
+
+/** Keys that make commands of others; while one is down, and on Macs after it, the ways up of others are not told. */
+const COMMANDS = ["Control", "Alt", "AltGraph", "Meta", "OS"];
+
+/** Fields that take letters. */
+const LETTERS = ["text", "search", "email", "url", "tel", "password"];
+/** Keys that such a field uses and that write nothing. */
+const EDITING = /^(Arrow|Page|Home|End|Enter|Tab|Backspace|Delete|Insert|Shift)/;
+/** Keys that work a slider or a list; a number takes all keys. */
+const WORKING = /^(Arrow|Page|Home|End|Enter|Escape|Tab|Digit|Numpad)/;
+
+/** A page that frames this one passes on the keys that are pressed beside the frame. */
+export interface PassedKey {
+  type: "usarsim-key";
+  code: string;
+  key: string;
+  down: boolean;
+  repeat: boolean;
+}
+
+function takesLetters(target: EventTarget | null): boolean {
+  if (target instanceof HTMLInputElement) return LETTERS.includes(target.type);
+  if (target instanceof HTMLTextAreaElement) return true;
+  return target instanceof HTMLElement && target.isContentEditable;
+}
+
+/** Whether a field has a use of its own for a key. */
+function uses(target: EventTarget | null, code: string): boolean {
+  if (takesLetters(target)) return true;
+  if (target instanceof HTMLSelectElement) return WORKING.test(code);
+  if (!(target instanceof HTMLInputElement)) return false;
+  return target.type === "number" || WORKING.test(code);
+}
 
 export class Input {
   readonly keyboard: Keyboard;
@@ -40,6 +76,10 @@ export class Input {
   private waits = false;
   /** Why driving was refused; said once, until the devices are neutral. */
   private refused = false;
+  /** When the devices were read last: on the clock of the page, and on that of the day, which goes on in sleep. */
+  private ran = { page: pageTime(), day: Date.now() / 1000 };
+  /** Pads without a known layout that were offered to be set up. */
+  private readonly offered = new Set<string>();
 
   private get busy(): boolean {
     return !this.focused || document.querySelector("dialog[open]") !== null;
@@ -53,10 +93,25 @@ export class Input {
   ) {
     this.keyboard = new Keyboard(bindings);
     this.pad = new Pad(bindings, padMaps);
+    // The stops come before anything on the page gets the key.
+    addEventListener("keydown", (event) => this.stops(event, true), true);
+    addEventListener("keyup", (event) => this.stops(event, false), true);
     addEventListener("keydown", (event) => this.key(event));
     addEventListener("keyup", (event) => {
-      this.keyboard.up(event.code);
+      if (COMMANDS.includes(event.key)) this.keyboard.release();
+      this.keyboard.up(codeOf(event));
       this.tick();
+    });
+    addEventListener("message", (event) => {
+      const passed = event.data as PassedKey | null;
+      if (event.source === window.parent && passed?.type === "usarsim-key") this.passed(passed);
+    });
+    // What takes the keyboard without the window losing its focus: menus, things that are dragged, input methods.
+    for (const taken of ["contextmenu", "dragstart", "compositionstart", "beforeprint", "freeze"])
+      addEventListener(taken, () => this.forget(), true);
+    addEventListener("pagehide", () => this.forget());
+    addEventListener("focusin", ({ target }) => {
+      if (takesLetters(target) || target instanceof HTMLSelectElement) this.forget();
     });
     addEventListener("blur", () => this.release(false));
     addEventListener("focus", () => {
@@ -64,9 +119,11 @@ export class Input {
     });
     document.addEventListener("visibilitychange", () => this.release(!document.hidden));
     addEventListener("gamepadconnected", (event) => {
-      this.padName = event.gamepad.id;
-      store.tell("notice", `pad connected: ${event.gamepad.id}`);
-      if (!this.pad.knows(event.gamepad)) this.strangePad(event.gamepad);
+      const { gamepad } = event;
+      store.tell("notice", `pad connected: ${gamepad.id}`);
+      this.offered.delete(gamepad.id);
+      if (this.pad.knows(gamepad)) this.knownPad();
+      else this.offer(gamepad);
     });
     addEventListener("gamepaddisconnected", () => this.tick());
     setInterval(() => this.tick(), POLL_MS);
@@ -79,10 +136,15 @@ export class Input {
     this.pad.bindings = bindings;
   }
 
+  /** Nothing is known to be held any more; what is has to be pressed again. */
+  forget(): void {
+    this.keyboard.release();
+    this.tick();
+  }
+
   private padLost(): void {
     if (this.padName === "") return;
     this.padName = "";
-    this.pad.lost();
     this.store.tell("notice", "the pad is gone: what it drove stops");
   }
 
@@ -94,27 +156,69 @@ export class Input {
     this.tick();
   }
 
-  private key(event: KeyboardEvent): void {
-    const { target } = event;
-    const typing = target instanceof HTMLInputElement || target instanceof HTMLTextAreaElement;
-    if (event.ctrlKey || event.altKey || event.metaKey) return;
-    const stops = event.code === "Escape";
-    if (
-      (document.querySelector("dialog[open]") || typing || target instanceof HTMLSelectElement) &&
-      !stops
-    )
+  private get mayStop(): boolean {
+    return this.store.welcome?.role !== "viewer";
+  }
+
+  /**
+   * The emergency stop's key, wherever the focus is but in a field that takes letters, and Esc twice, wherever it is.
+   * Ctrl, Alt and Command make commands of letters, of other keys nothing that matters more.
+   */
+  private stops(event: KeyboardEvent, down: boolean): void {
+    const code = codeOf(event);
+    const pressed = this.keyboard.pressed(code, down, event.repeat);
+    // When it was pressed, not when a busy page heard of it.
+    if (code === "Escape") {
+      if (pressed && this.keyboard.escape(event.timeStamp / 1000)) this.acts.estop?.();
       return;
+    }
+    const { target, key } = event;
+    if (this.keyboard.action(code) !== "estop" || !this.mayStop) return;
+    if (target instanceof HTMLElement && target.hasAttribute("data-listens")) return;
+    const letter = [...key].length === 1;
+    if (takesLetters(target) && (letter || EDITING.test(code) || event.isComposing)) return;
+    if (letter && key !== " " && (event.ctrlKey || event.altKey || event.metaKey)) return;
+    // Nothing else gets it: a button would be pressed, a list opened, the page scrolled.
+    event.preventDefault();
+    event.stopPropagation();
+    if (pressed) this.stop();
+  }
+
+  private passed({ code, key, down, repeat }: PassedKey): void {
+    const found = codeOf({ code, key });
+    const pressed = this.keyboard.pressed(found, down, repeat);
+    if (!pressed) return;
+    if (found === "Escape" && this.keyboard.escape(pageTime())) this.acts.estop?.();
+    if (this.keyboard.action(found) === "estop" && this.mayStop) this.stop();
+  }
+
+  private stop(): void {
+    this.acts.estop?.();
+    this.tick();
+  }
+
+  private key(event: KeyboardEvent): void {
+    const { target, key } = event;
+    const code = codeOf(event);
+    if (event.ctrlKey || event.altKey || event.metaKey || COMMANDS.includes(key)) {
+      this.forget();
+      return;
+    }
+    // The stops were heard above; a viewer's Space is the browser's.
+    if (code === "Escape" || this.keyboard.action(code) === "estop" || event.isComposing) return;
+    if (key === "Enter" && target instanceof HTMLInputElement && target.type === "checkbox")
+      target.click();
+    if (document.querySelector("dialog[open]") || uses(target, code)) return;
     this.focused = true;
-    const digit = /^Digit([0-9])$/.exec(event.code)?.[1];
+    const digit = /^Digit([0-9])$/.exec(code)?.[1];
     if (digit !== undefined) {
       const place = digit === "0" ? 9 : Number(digit) - 1;
       this.choose(place);
       return;
     }
-    // When it was pressed, not when a busy page heard of it: Esc twice must stop all the same.
-    const action = this.keyboard.down(event.code, event.timeStamp / 1000, event.repeat);
-    // Space would press the focused button, the arrows would scroll.
-    if (this.keyboard.action(event.code) !== null) event.preventDefault();
+    const action = this.keyboard.down(code, event.repeat);
+    // The arrows would scroll.
+    if (this.keyboard.action(code) !== null) event.preventDefault();
     if (action !== null) this.acts[action]?.();
     this.tick();
   }
@@ -124,18 +228,44 @@ export class Input {
     if (robot) this.store.select(robot.name);
   }
 
-  /** Reads the pad; while the page is busy with something else its emergency stop still works. */
+  /**
+   * Reads the pads. One drives: its layout is known. The emergency stop of each such pad works, also while the page is
+   * busy with something else.
+   */
   private padWish(free: boolean): Wish {
-    const pads = [...(navigator.getGamepads?.() ?? [])].filter((p) => p?.connected);
-    const pad = pads[0];
+    const pads = [...(navigator.getGamepads?.() ?? [])].filter((p) => p?.connected) as Gamepad[];
+    const pad = this.pad.choose(pads);
+    for (const one of pads) {
+      const presses = this.pad.presses(one);
+      if (!this.pad.knows(one)) {
+        if (this.pad.touched(one)) this.offer(one);
+        continue;
+      }
+      for (const press of presses)
+        if (press === "estop_left" || (free && one === pad)) this.padAct(press);
+    }
     if (!pad) {
       this.padLost();
       return NEUTRAL;
     }
+    if (this.padName !== "" && this.padName !== pad.id && !pads.some((p) => p.id === this.padName))
+      this.padLost();
     this.padName = pad.id;
-    for (const press of this.pad.presses(pad))
-      if (free || press === "estop_left") this.padAct(press);
     return this.pad.wish(pad);
+  }
+
+  /** A pad whose layout is not known is asked for it, unless there is another pad that drives. */
+  private offer(pad: Gamepad): void {
+    const pads = [...(navigator.getGamepads?.() ?? [])];
+    if (this.offered.has(pad.id) || pads.some((p) => p?.connected && this.pad.knows(p))) return;
+    if (this.busy || this.driven !== "") return;
+    this.offered.add(pad.id);
+    this.strangePad(pad);
+  }
+
+  /** A pad that drives has come: what was asked about another one, and not answered yet, is not needed. */
+  private knownPad(): void {
+    document.querySelector<HTMLDialogElement>("dialog[data-remap][data-step='0']")?.close("no");
   }
 
   private padAct(press: PadAction): void {
@@ -148,8 +278,11 @@ export class Input {
   /** One step: reads the devices, chooses one, sends what is due. */
   tick(): void {
     const now = pageTime();
+    const day = Date.now() / 1000;
+    const slept = Math.max(now - this.ran.page, day - this.ran.day) > ASLEEP_S;
+    this.ran = { page: now, day };
     const free = !this.busy;
-    if (!free) this.keyboard.release();
+    if (!free || slept || !document.hasFocus()) this.keyboard.release();
     const { robot } = this.store;
     // What only aircraft can do is no wish of others.
     const fit = (wish: Wish): Wish =>

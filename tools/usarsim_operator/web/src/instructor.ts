@@ -2,6 +2,7 @@
 
 import { button, h } from "./dom";
 import type { Link } from "./link";
+import { listbox } from "./listbox";
 import { row } from "./more";
 import type { Store } from "./store";
 
@@ -70,7 +71,7 @@ function injectTools(store: Store, link: Link): [string, HTMLElement[]][] {
     if (text.value.trim() && (await inject("message", { text: text.value.trim() })))
       text.value = "";
   });
-  const whom = h("select", { "data-field": "victim", "aria-label": "victim that calls" });
+  const whom = listbox({ "data-field": "victim", "aria-label": "victim that calls" }, []);
   const calls = button("Calls", "victim_calls", () => {
     if (whom.value) inject("victim_calls", { victim: whom.value, ...seconds() });
   });

@@ -1,5 +1,22 @@
 // Keys held to a wish, and the two speed settings. Pure: events come in as codes.
 
+/** What of a keyboard's event tells which key it was. */
+export interface Pressed {
+  code: string;
+  key: string;
+}
+
+/**
+ * The code of a key. Remote desktops and keyboards on the screen tell none: then it goes by what the key writes, as on a
+ * keyboard with the layout of the United States.
+ */
+export function codeOf({ code, key }: Pressed): string {
+  if (code !== "" && code !== "Unidentified") return code;
+  if (/^[a-z]$/i.test(key)) return `Key${key.toUpperCase()}`;
+  if (/^[0-9]$/.test(key)) return `Digit${key}`;
+  return { " ": "Space", Spacebar: "Space", Esc: "Escape", Shift: "ShiftLeft" }[key] ?? key;
+}
+
 import type { Action, Bindings } from "./bindings";
 import { SLOW, scaled, type Wish } from "./mixing";
 
@@ -11,6 +28,8 @@ export class Keyboard {
   /** Codes of the keys that are down, and what they do: two keys may do the same. */
   private readonly held = new Map<string, Action>();
   private lastEscape = Number.NEGATIVE_INFINITY;
+  /** Keys whose way down was seen; of others something else took it. */
+  private readonly seen = new Set<string>();
   static readonly ESCAPE_TWICE_S = 0.6;
 
   constructor(public bindings: Bindings) {}
@@ -21,13 +40,30 @@ export class Keyboard {
     return null;
   }
 
+  /** Whether any drive or speed key is down. */
+  get holds(): boolean {
+    return this.held.size > 0;
+  }
+
+  /**
+   * Whether a key was pressed just now, by its way down or, where a list or a menu took that for itself, by its way up.
+   * To be asked about each event of the key.
+   */
+  pressed(code: string, down: boolean, repeats: boolean): boolean {
+    if (!down) return !this.seen.delete(code);
+    this.seen.add(code);
+    return !repeats;
+  }
+
+  /** Esc was pressed: whether for the second time within 0.6 s. */
+  escape(now: number): boolean {
+    const twice = now - this.lastEscape < Keyboard.ESCAPE_TWICE_S;
+    this.lastEscape = twice ? Number.NEGATIVE_INFINITY : now;
+    return twice;
+  }
+
   /** A key goes down: returns the action that it starts (once, not again while it repeats). */
-  down(code: string, now: number, repeats: boolean): Action | null {
-    if (code === "Escape" && !repeats) {
-      const twice = now - this.lastEscape < Keyboard.ESCAPE_TWICE_S;
-      this.lastEscape = twice ? Number.NEGATIVE_INFINITY : now;
-      return twice ? "estop" : null;
-    }
+  down(code: string, repeats: boolean): Action | null {
     const action = this.action(code);
     if (action === null || repeats) return null;
     this.held.set(code, action);

@@ -1,7 +1,6 @@
 // The dialog for keys and pad: every action with its keys, changed by pressing a key, exported and imported as
 // TOML.
 
-import { dialog } from "./alarms";
 import {
   ACTIONS,
   type Action,
@@ -10,12 +9,14 @@ import {
   check,
   defaults,
   fromToml,
-  keyText,
   PAD_ACTIONS,
   type PadAction,
   toToml,
 } from "./bindings";
+import { dialog } from "./dialog";
 import { button, h, mark, say } from "./dom";
+import { codeOf } from "./keyboard";
+import type { KeyNames } from "./keynames";
 import type { Store } from "./store";
 import { save } from "./tiles";
 
@@ -58,12 +59,13 @@ export function keysDialog(
   current: Bindings,
   apply: (bindings: Bindings) => void,
 ): void {
+  const names = store.keys;
   let draft = structuredClone(current);
   const wrong = h("p", { class: "fault", role: "alert", "data-error": true });
   const table = h("div", { class: "binding-table" });
   const attempt = (next: Bindings): void => {
     try {
-      check(next);
+      check(next, (code) => names.exact(code));
       draft = next;
       say(wrong, "");
       fill();
@@ -74,7 +76,7 @@ export function keysDialog(
   const fill = (): void => {
     table.replaceChildren(
       h("h3", {}, "Keys"),
-      ...(Object.keys(ACTIONS) as Action[]).map((action) => keyRow(action, draft, attempt)),
+      ...(Object.keys(ACTIONS) as Action[]).map((action) => keyRow(names, action, draft, attempt)),
       h("h3", {}, "Pad"),
       ...(Object.keys(PAD_ACTIONS) as PadAction[]).map((action) =>
         padRow(PAD_ACTIONS[action], action, "buttons", draft, attempt),
@@ -120,7 +122,12 @@ export function keysDialog(
   element.classList.add("wide");
 }
 
-function keyRow(action: Action, draft: Bindings, attempt: (next: Bindings) => void): HTMLElement {
+function keyRow(
+  names: KeyNames,
+  action: Action,
+  draft: Bindings,
+  attempt: (next: Bindings) => void,
+): HTMLElement {
   const change = (place: number, code: string | null): void => {
     const next = structuredClone(draft);
     if (code === null) next.keys[action].splice(place, 1);
@@ -128,21 +135,22 @@ function keyRow(action: Action, draft: Bindings, attempt: (next: Bindings) => vo
     attempt(next);
   };
   const keys = [...draft.keys[action], ""].slice(0, 2).map((code, place) => {
-    const b = button(code ? keyText(code) : "+", `key-${action}-${place}`, () => {
+    const b = button(code ? names.name(code) : "+", `key-${action}-${place}`, () => {
       say(b, "press a key");
       mark(b, "data-listens", true);
       const hear = (event: KeyboardEvent): void => {
         event.preventDefault();
         event.stopPropagation();
-        say(b, code ? keyText(code) : "+");
+        say(b, code ? names.name(code) : "+");
         mark(b, "data-listens", null);
-        if (event.code === "Escape") return;
-        change(place, event.code === "Delete" || event.code === "Backspace" ? null : event.code);
+        const pressed = codeOf(event);
+        if (pressed === "Escape") return;
+        change(place, pressed === "Delete" || pressed === "Backspace" ? null : pressed);
       };
       b.addEventListener("keydown", hear, { once: true });
     });
     b.classList.add("key");
-    b.setAttribute("aria-label", `${ACTIONS[action]}: ${code || "no key"}`);
+    b.setAttribute("aria-label", `${ACTIONS[action]}: ${code ? names.name(code) : "no key"}`);
     return b;
   });
   return h(

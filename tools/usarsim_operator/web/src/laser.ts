@@ -1,7 +1,7 @@
 // The chosen robot's laser: from above (robot at the bottom), as strips whose height falls with distance
 // (classic), and as points at their true x, y, z. All by 2D canvas, so it needs no WebGL.
 
-import { button, choice, colour, h, mark, panel, Surface, say } from "./dom";
+import { button, choice, colour, h, mark, panel, rem, Surface, say } from "./dom";
 import type { Link } from "./link";
 import { beamAngle, type Scan, scanPoints, type Vector } from "./protocol";
 import { ageText, isStale, LOOK_MS } from "./staleness";
@@ -134,7 +134,7 @@ function flat(
   g.lineWidth = 1;
   g.strokeStyle = colour("line");
   g.fillStyle = colour("quiet");
-  g.font = `11px ${colour("font")}`;
+  g.font = `${rem(11)}px ${colour("font")}`;
   const step = scan.maxRange > 12 ? 5 : scan.maxRange > 4 ? 2 : 1;
   for (let ring = step; ring <= scan.maxRange + 1e-6; ring += step) {
     g.beginPath();

@@ -1,11 +1,11 @@
 // Puts the page together.
 
 import { addressOf } from "./address";
-import { acknowledgeFirst, alarmList, markDialog, markList, notices } from "./alarms";
-import type { Bindings } from "./bindings";
+import { acknowledgeFirst, alarmList, markDialog, markList, notices, questions } from "./alarms";
+import type { Action, Bindings } from "./bindings";
 import { charts, linesButton } from "./charts";
 import { choice, h, mark, say } from "./dom";
-import { header, toggleStop } from "./header";
+import { header } from "./header";
 import { Input } from "./input";
 import { keysDialog, savedBindings } from "./keys";
 import { laser } from "./laser";
@@ -15,25 +15,52 @@ import { MapView } from "./map";
 import { remapDialog, savedPads } from "./remap";
 import { robotCard, robotList, takeOrBack } from "./robots";
 import { placeOfColumn } from "./sighting";
+import { stopAll, stopBar } from "./stop";
 import { Store } from "./store";
 import { firstTheme } from "./theme";
 import { savePicture, tiles } from "./tiles";
 import { touchSticks } from "./touch";
 import { View3D } from "./view3d";
 
+function keysHint({ keys }: Store): string {
+  const of = (...actions: Action[]): string => actions.map((one) => keys.of(one)).join(" ");
+  const drive = of("forward", "left", "back", "right");
+  return [
+    `${/^(\S ){3}\S$/.test(drive) ? drive.replaceAll(" ", "") : drive} drive`,
+    `${of("slow")} slow`,
+    `${of("faster", "slower")} speed`,
+    `${of("turn_faster", "turn_slower")} turn`,
+    "1–9 robot",
+    `${of("estop")} stop`,
+    `${of("mark")} mark`,
+    `${of("mode")} mode`,
+    `${of("acknowledge")} alarm`,
+    `${of("take")} take`,
+  ].join(" · ");
+}
+
+const onlyHint = ({ keys }: Store, device: string): string =>
+  `Only the ${device} drives here · ${keys.of("estop")} stop · ${keys.of("mark")} mark`;
+
+const viewerHint = ({ keys }: Store): string => `1–9 robot · ${keys.of("picture")} save picture`;
+
 function driveStrip(store: Store, input: Input): HTMLElement {
   const text = h("output", { "data-wish": true });
-  const hint = h(
-    "span",
-    { class: "quiet hint" },
-    "WASD drive · Shift slow · R F speed · T G turn · 1–9 robot · Space stop · M mark · O mode · K alarm · L take",
-  );
-  store.on("welcome", () => {
-    if (store.welcome?.role === "viewer") say(hint, "1–9 robot · P save picture");
-    const device = store.welcome?.device ?? "any";
-    if (device !== "any") say(hint, `Only the ${device} drives here · Space stop · M mark`);
+  const hint = h("span", { class: "quiet hint" });
+  const explain = (): void => {
+    const { role, device = "any" } = store.welcome ?? {};
     mark(hint, "data-only", device === "any" ? null : device);
-  });
+    say(
+      hint,
+      role === "viewer"
+        ? viewerHint(store)
+        : device === "any"
+          ? keysHint(store)
+          : onlyHint(store, device),
+    );
+  };
+  for (const topic of ["welcome", "bindings"] as const) store.on(topic, explain);
+  explain();
   const element = h("footer", { class: "strip" }, text, hint);
   setInterval(() => {
     const { forward, turn, up } = input.wish;
@@ -55,11 +82,15 @@ function start(): void {
   const store = new Store();
   const link = new Link(store, token, localStorage.getItem("usarsim-name"));
   let bindings = savedBindings(session);
+  store.keys.bindings = bindings;
+  store.keys.watch();
   const padMaps = savedPads();
   const input = new Input(store, link, bindings, padMaps);
   const apply = (next: Bindings): void => {
     bindings = next;
     input.bind(next);
+    store.keys.bindings = next;
+    store.tell("bindings");
   };
 
   const markAhead = (column = 0): void => {
@@ -75,9 +106,7 @@ function start(): void {
     else act();
   };
   input.acts = {
-    estop: acting(() => {
-      if (!store.state?.estop) toggleStop(store, link);
-    }),
+    estop: acting(() => stopAll(link)),
     mark: acting(markAhead),
     picture: () => savePicture(store),
     acknowledge: acting(() => acknowledgeFirst(store, link)),
@@ -137,11 +166,12 @@ function start(): void {
   tabs.classList.add("tabs");
   document.body.append(
     header(store, link, () => keysDialog(store, session, bindings, apply)),
+    h("div", { class: "banners" }, stopBar(store, link), questions(store, link)),
     tabs,
     main,
     touchSticks(store, input),
     driveStrip(store, input),
-    notices(store, link),
+    notices(store),
   );
   store.on("select", () => link.send({ type: "select", robot: store.selected }));
   // For tests of the browser: what the page knows, and where its meshes are.

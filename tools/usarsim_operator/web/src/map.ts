@@ -1,7 +1,7 @@
 // The map: what scans have shown, zones, paths, robots, marks; each layer can be switched off. North (x) is
 // up, right (y) is right. Drag moves, the wheel zooms, a double click marks a victim.
 
-import { button, colour, h, mark, panel, robotColour, Surface } from "./dom";
+import { button, colour, h, mark, panel, rem, robotColour, Surface } from "./dom";
 import type { Grid, Robot, Vector, Zone } from "./protocol";
 import { LOOK_MS } from "./staleness";
 import type { Store } from "./store";
@@ -204,7 +204,7 @@ export class MapView {
     );
     g.globalAlpha = 0.9;
     g.fillStyle = colour("text");
-    g.font = `600 15px ${colour("font")}`;
+    g.font = `600 ${rem(15)}px ${colour("font")}`;
     // Below the middle, which keeps its colour; beside a zone that has no room for it.
     const letter = ZONE_LETTERS[zone.colour] ?? "";
     const right = Math.max(...corners.map(([x]) => x));
@@ -231,7 +231,7 @@ export class MapView {
 
   private drawMarks(g: CanvasRenderingContext2D): void {
     g.lineWidth = 2;
-    g.font = `600 11px ${colour("font")}`;
+    g.font = `600 ${rem(11)}px ${colour("font")}`;
     (this.store.state?.marks ?? []).forEach((one, place) => {
       const [x, y] = this.screen(one.place[0], one.place[1]);
       g.strokeStyle = g.fillStyle = colour("mark");
@@ -252,6 +252,7 @@ export class MapView {
     g.save();
     g.translate(x, y);
     g.rotate(robot.pose[5]);
+    g.scale(rem(1), rem(1));
     g.beginPath();
     g.moveTo(0, -9);
     g.lineTo(-6, 7);
@@ -265,8 +266,8 @@ export class MapView {
     g.stroke();
     g.restore();
     g.fillStyle = colour("text");
-    g.font = `${chosen ? 600 : 400} 11px ${colour("font")}`;
-    g.fillText(robot.name, x + 9, y + 4);
+    g.font = `${chosen ? 600 : 400} ${rem(11)}px ${colour("font")}`;
+    g.fillText(robot.name, x + rem(9), y + rem(4));
   }
 
   private drawScale(g: CanvasRenderingContext2D): void {
@@ -280,7 +281,7 @@ export class MapView {
     g.lineTo(10 + metres * this.scale, height - 9);
     g.lineTo(10 + metres * this.scale, height - 14);
     g.stroke();
-    g.font = `11px ${colour("font")}`;
+    g.font = `${rem(11)}px ${colour("font")}`;
     g.fillText(`${metres} m`, 15, height - 14);
   }
 }

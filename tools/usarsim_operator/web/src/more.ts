@@ -4,6 +4,7 @@
 import { button, h, mark, say } from "./dom";
 import { instructing } from "./instructor";
 import type { Link } from "./link";
+import { follow, listbox } from "./listbox";
 import type { Robot } from "./protocol";
 import { pageTime, type Store } from "./store";
 
@@ -130,24 +131,15 @@ const POLICIES = {
 
 /** What the robot does while nobody drives it. */
 function policyChoice(store: Store, ask: Ask): HTMLElement {
-  const select = h(
-    "select",
-    {
-      "data-do": "policy",
-      "aria-label": "while nobody drives it",
-      title: "while nobody drives it",
-    },
-    ...Object.entries(POLICIES).map(([value, label]) => h("option", { value }, label)),
-  );
-  select.addEventListener("change", () => {
-    ask({ type: "policy", policy: select.value });
-    select.blur();
-  });
+  const label = "while nobody drives it";
+  const attributes = { "data-do": "policy", "aria-label": label, title: label };
+  const select = listbox(attributes, Object.entries(POLICIES));
+  select.addEventListener("change", () => ask({ type: "policy", policy: select.value }));
   const update = (): void => {
     const policy = store.robot?.policy ?? "stop";
-    if (document.activeElement === select) return;
-    if (!(policy in POLICIES)) select.append(h("option", { value: policy }, policy));
-    select.value = policy;
+    const known = [...select.options].some((option) => option.value === policy);
+    if (!known) select.append(h("option", { value: policy }, policy));
+    follow(select, policy);
   };
   for (const topic of ["state", "select"] as const) store.on(topic, update);
   return select;

@@ -6,6 +6,7 @@ import { NEUTRAL, SLOW, scaled, stick, type Wish } from "./mixing";
 
 export interface Snapshot {
   id?: string;
+  index?: number;
   mapping?: string;
   axes: readonly number[];
   buttons: readonly { pressed: boolean }[];
@@ -19,7 +20,9 @@ export interface PadMap extends Pick<Bindings, "buttons" | "axes"> {
 export type PadMaps = Record<string, PadMap>;
 
 export class Pad {
-  private before = new Set<PadAction>();
+  /** What was pressed when each pad was read last, by the pad's place in the browser's list. */
+  private readonly before = new Map<number, Set<PadAction>>();
+  private chosen: number | null = null;
 
   constructor(
     public bindings: Bindings,
@@ -36,9 +39,27 @@ export class Pad {
     return this.maps[pad.id ?? ""] ?? this.bindings;
   }
 
-  /** The pad is gone: what was pressed is not any more. */
-  lost(): void {
-    this.before = new Set();
+  /**
+   * The pad that drives: its layout is known; of several it is the one that was touched last. Receivers of mice, flight
+   * gear and the like are in the browser's list, too, often before it.
+   */
+  choose<T extends Snapshot>(pads: readonly T[]): T | null {
+    for (const index of this.before.keys())
+      if (!pads.some((pad) => (pad.index ?? 0) === index)) this.before.delete(index);
+    const known = pads.filter((pad) => this.knows(pad));
+    const current = known.find((pad) => (pad.index ?? 0) === this.chosen);
+    const found =
+      current && this.touched(current)
+        ? current
+        : (known.find((pad) => this.touched(pad)) ?? current ?? known[0] ?? null);
+    this.chosen = found ? (found.index ?? 0) : null;
+    return found;
+  }
+
+  /** Whether any of its buttons is pressed; of a pad whose layout is known, any that does something. */
+  touched(pad: Snapshot): boolean {
+    if (!this.knows(pad)) return pad.buttons.some((button) => button.pressed);
+    return Object.values(this.map(pad).buttons).some((number) => pad.buttons[number]?.pressed);
   }
 
   /** What the sticks want; nothing without the dead man's button. */
@@ -62,8 +83,8 @@ export class Pad {
     const now = new Set(actions.filter((action) => pad.buttons[buttons[action]]?.pressed));
     if (!(now.has("estop_left") && now.has("estop_right"))) now.delete("estop_left");
     now.delete("estop_right");
-    const fresh = [...now].filter((action) => !this.before.has(action));
-    this.before = now;
-    return fresh;
+    const before = this.before.get(pad.index ?? 0);
+    this.before.set(pad.index ?? 0, now);
+    return [...now].filter((action) => !before?.has(action));
   }
 }

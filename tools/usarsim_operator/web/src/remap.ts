@@ -1,8 +1,8 @@
 // For a pad without the standard layout: asks for each control by name, one after the other, and keeps what was
 // found for pads of that name.
 
-import { dialog } from "./alarms";
 import { type Axis, PAD_ACTIONS, type PadAction } from "./bindings";
+import { dialog } from "./dialog";
 import { button, h, mark, say } from "./dom";
 import type { PadMap, PadMaps } from "./pad";
 
@@ -53,6 +53,7 @@ export function remapDialog(pad: Gamepad, maps: PadMaps): void {
   const next = (): void => {
     step += 1;
     const at = steps[step];
+    mark(ask.closest("dialog") ?? ask, "data-step", String(step));
     if (at === undefined) say(ask, "All set.");
     else say(ask, isAxis(at) ? `${WAYS[at][0]}.` : `Press the button for "${PAD_ACTIONS[at]}".`);
     skip.disabled = at === undefined;
@@ -85,5 +86,6 @@ export function remapDialog(pad: Gamepad, maps: PadMaps): void {
     localStorage.setItem(KEPT, JSON.stringify(maps));
   });
   mark(element, "data-remap", pad.id);
+  mark(element, "data-step", String(step));
   element.addEventListener("close", () => clearInterval(timer));
 }

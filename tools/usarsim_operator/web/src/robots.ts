@@ -116,7 +116,12 @@ export function robotCard(store: Store, link: Link): HTMLElement {
   const robotOr = (act: (robot: Robot) => void) => () => {
     if (store.robot) act(store.robot);
   };
-  const take = button("Take", "take", () => takeOrBack(store, link), "L");
+  const take = button("Take", "take", () => takeOrBack(store, link));
+  const named = (): void => {
+    take.title = store.keys.of("take");
+  };
+  named();
+  store.on("bindings", named);
   const force = button(
     "Force",
     "force",

@@ -2,8 +2,10 @@
 // robot is chosen. Panels listen; nothing here draws.
 
 import { Beat } from "./beat";
+import { defaults } from "./bindings";
 import { Decoder } from "./decoder";
 import { graphics } from "./gl";
+import { KeyNames } from "./keynames";
 import { Losses, Rounds } from "./measured";
 import {
   type Grid,
@@ -66,6 +68,8 @@ export class Store {
   /** When what came is drawn: ten times a second where the processors draw. */
   readonly beat = new Beat(graphics().software ? 0.1 : 1 / 60, pageTime);
   private readonly decoder = new Decoder();
+  /** What is printed on the keys; topic `bindings` tells of a change. */
+  readonly keys = new KeyNames(defaults(), () => this.tell("bindings"));
   connected = false;
   refused = "";
   rtt = Number.NaN;

@@ -1,7 +1,7 @@
 // Camera tiles, one per robot; the chosen one is larger. A picture older than 1 s is greyed and says so; a
 // camera that is off or absent shows no picture at all.
 
-import { button, flat, h, mark, robotColour, say } from "./dom";
+import { button, flat, h, mark, rem, robotColour, say } from "./dom";
 import { layout } from "./grid";
 import type { Link } from "./link";
 import type { Robot } from "./protocol";
@@ -15,9 +15,10 @@ export const ZONE_LETTERS: Record<string, string> = {
   blue: "B",
 };
 
-/** Gap of the tiles, and height of what else their panel holds, px. */
+/** Gap of the tiles, height of what else their panel holds, and the least of all tiles, px of a rem of 16. */
 const GAP = 4;
 const HEAD = 40;
+const LEAST = 150;
 
 class Tile {
   readonly element: HTMLElement;
@@ -136,7 +137,12 @@ export function tiles(store: Store, link: Link, markAt: (column: number) => void
     const { robot } = store;
     if (robot?.camera) link.request({ type: "camera", robot: robot.name, on: !robot.camera.on });
   });
-  const save = button("Save picture", "picture", () => savePicture(store), "P");
+  const save = button("Save picture", "picture", () => savePicture(store));
+  const named = (): void => {
+    save.title = store.keys.of("picture");
+  };
+  named();
+  store.on("bindings", named);
   const element = h(
     "section",
     { class: "panel cameras", "data-panel": "cameras", "aria-label": "Cameras" },
@@ -155,19 +161,21 @@ export function tiles(store: Store, link: Link, markAt: (column: number) => void
     const few = [5, 4, 3].find((c) => side % c === 0) ?? Math.min(5, side);
     strip.style.setProperty("--few", String(Math.min(side, few)));
     const { clientWidth: width } = strip;
-    const height = 0.54 * (element.parentElement?.clientHeight ?? 0) - HEAD;
-    if (width < 8 || height < 8) return;
+    const seen = element.closest("main")?.clientHeight ?? 0;
+    if (width < 8 || seen < 8) return;
+    const height = Math.max(rem(LEAST), 0.54 * seen - rem(HEAD));
     const { rows, columns, spare } = layout(store.robots.length, width, height);
     const cell = Math.min(width / columns, (height / rows) * (4 / 3));
     strip.style.setProperty("--rows", String(rows));
     strip.style.setProperty("--columns", String(columns));
-    strip.style.setProperty("--cell", `${Math.floor(cell) - GAP}px`);
-    mark(strip, "data-small", cell < 130);
+    strip.style.setProperty("--cell", `${Math.floor(cell) - rem(GAP)}px`);
+    mark(strip, "data-small", cell < rem(130));
     team.hidden = spare === 0;
     team.style.gridArea = `${rows - spare + 1} / ${columns} / ${rows + 1} / ${columns + 1}`;
-    teamText(team, store, spare * cell > 120);
+    teamText(team, store, spare * cell > rem(120));
   };
   new ResizeObserver(arrange).observe(strip);
+  addEventListener("resize", arrange);
 
   const update = (): void => {
     const now = pageTime();

@@ -45,7 +45,7 @@ class Stick {
   private set(x: number, y: number): void {
     this.x = x;
     this.y = y;
-    this.knob.style.transform = `translate(${x * 38}px, ${y * 38}px)`;
+    this.knob.style.transform = `translate(${85 * x}%, ${85 * y}%)`;
   }
 }
 

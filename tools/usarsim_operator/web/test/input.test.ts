@@ -4,7 +4,8 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { BindingError, defaults, fromToml, toToml } from "../src/bindings";
 import { driveText } from "../src/input";
-import { Keyboard } from "../src/keyboard";
+import { codeOf, Keyboard } from "../src/keyboard";
+import { KeyNames } from "../src/keynames";
 import { Arbiter, allowed, NEUTRAL, Pacer, stick, type Wish, wheels } from "../src/mixing";
 import { Pad } from "../src/pad";
 import type { Pose, Scan, Vector } from "../src/protocol";
@@ -37,7 +38,7 @@ test("O-29: keys and combinations give the documented wheel pairs, release gives
   const keyboard = new Keyboard(defaults());
   const pair = (...codes: string[]) => {
     keyboard.release();
-    for (const code of codes) keyboard.down(code, 0, false);
+    for (const code of codes) keyboard.down(code, false);
     const { left, right } = wheels(keyboard.wish());
     return [left, right].map((x) => Math.round(1000 * x) / 1000);
   };
@@ -54,11 +55,75 @@ test("O-29: keys and combinations give the documented wheel pairs, release gives
 
 test("CON-15: Escape twice stops, once or slowly does not, repeats do not count", () => {
   const keyboard = new Keyboard(defaults());
-  assert.equal(keyboard.down("Escape", 1, false), null);
-  assert.equal(keyboard.down("Escape", 1.2, true), null);
-  assert.equal(keyboard.down("Escape", 1.4, false), "estop");
-  assert.equal(keyboard.down("Escape", 3, false), null);
-  assert.equal(keyboard.down("Escape", 4, false), null);
+  const counts = (now: number, down = true, repeats = false): boolean =>
+    keyboard.pressed("Escape", down, repeats) && keyboard.escape(now);
+  assert.equal(counts(1), false);
+  assert.equal(counts(1.2, true, true), false);
+  assert.equal(counts(1.3, false), false);
+  assert.equal(counts(1.4), true);
+  assert.equal(counts(1.5, false), false);
+  assert.equal(counts(3), false);
+  assert.equal(counts(3.1, false), false);
+  assert.equal(counts(4), false);
+  assert.equal(counts(4.1, false), false);
+  // A list that was open took the first one's way down.
+  assert.equal(counts(6, false), false);
+  assert.equal(counts(6.3), true);
+});
+
+test("keys without a code go by what they write", () => {
+  const of = (key: string, code = ""): string => codeOf({ key, code });
+  assert.equal(of(" "), "Space");
+  assert.equal(of("Escape"), "Escape");
+  assert.equal(of("w"), "KeyW");
+  assert.equal(of("W", "Unidentified"), "KeyW");
+  assert.equal(of("7"), "Digit7");
+  assert.equal(of("ArrowUp"), "ArrowUp");
+  assert.equal(of("z", "KeyW"), "KeyW");
+});
+
+test("keys are called by what is printed on them, codes stay in files", () => {
+  let changes = 0;
+  const names = new KeyNames(defaults(), () => changes++);
+  assert.equal(names.of("forward"), "W");
+  names.learn("KeyW", "z");
+  names.learn("KeyW", "Z");
+  names.learn("KeyM", ",");
+  names.learn("KeyE", "Dead");
+  names.learn("Space", " ");
+  names.learn("Digit1", "&");
+  assert.equal(changes, 2);
+  assert.deepEqual(
+    [names.of("forward"), names.of("mark"), names.of("estop"), names.name("KeyE")],
+    ["Z", ",", "Space", "E"],
+  );
+  assert.equal(names.exact("KeyW"), "Z (KeyW)");
+  assert.equal(names.exact("KeyR"), "KeyR");
+  assert.equal(names.name("Digit1"), "1");
+});
+
+test("the pad that drives is one whose layout is known, of several the one touched last", () => {
+  const button = (pressed: boolean) => ({ pressed });
+  const made = (index: number, mapping: string, id: string, ...on: number[]) => ({
+    index,
+    mapping,
+    id,
+    axes: [0, -1, 0, 0],
+    buttons: Array.from({ length: 17 }, (_, i) => button(on.includes(i))),
+  });
+  const pad = new Pad(defaults());
+  const mouse = made(0, "", "mouse", 0, 1);
+  const first = made(1, "standard", "first");
+  const second = made(2, "standard", "second");
+  assert.equal(pad.choose([mouse]), null);
+  assert.equal(pad.choose([mouse, first, second]), first);
+  assert.equal(pad.choose([mouse, first, made(2, "standard", "second", 5)])?.id, "second");
+  assert.equal(pad.choose([mouse, first, second]), second);
+  assert.equal(pad.choose([mouse, first]), first);
+  // Presses of one pad are not those of another.
+  assert.deepEqual(pad.presses(made(1, "standard", "first", 10, 11)), ["estop_left"]);
+  assert.deepEqual(pad.presses(made(2, "standard", "second", 10, 11)), ["estop_left"]);
+  assert.deepEqual(pad.presses(made(1, "standard", "first", 10, 11)), []);
 });
 
 test("O-31: a stick without the dead man's button moves nothing, letting it go stops at once", () => {

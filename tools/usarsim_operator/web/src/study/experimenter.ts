@@ -1,6 +1,6 @@
 // The experimenter's view: who is at what, what happens, and what may be done about it.
 
-import { dialog } from "../alarms";
+import { dialog } from "../dialog";
 import { button, h, mark, say } from "../dom";
 import { clockText } from "../staleness";
 import type { Desk } from "./desk";

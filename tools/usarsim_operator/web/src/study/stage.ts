@@ -2,6 +2,7 @@
 // the trial, or the seat waits, it stays loaded and nothing of it is seen.
 
 import { h, mark, say } from "../dom";
+import type { PassedKey } from "../input";
 import type { Desk } from "./desk";
 import { FormView } from "./form";
 import type { EndStep, PanelStep, Step, TextStep } from "./protocol";
@@ -30,6 +31,8 @@ export class Stage {
       event.preventDefault();
       this.drive();
     });
+    for (const way of ["keydown", "keyup"] as const)
+      addEventListener(way, (event) => this.pass(event, way === "keydown"), true);
     setInterval(() => this.drive(), 500);
   }
 
@@ -126,6 +129,16 @@ export class Stage {
     if (activeElement !== document.body && activeElement !== null) return;
     frame.focus();
     frame.contentWindow?.focus();
+  }
+
+  /** Keys that are pressed beside the panel are told to it: the emergency stop works there, too. */
+  private pass(event: KeyboardEvent, down: boolean): void {
+    const { frame } = this;
+    if (!frame?.contentWindow || this.shown?.kind !== "panel") return;
+    const { code, key, repeat } = event;
+    if (key === " ") event.preventDefault(); // it would press the button that has the focus
+    const told: PassedKey = { type: "usarsim-key", code, key, down, repeat };
+    frame.contentWindow.postMessage(told, new URL(frame.src).origin);
   }
 
   /** Nothing of the panel is seen, not even where it fills the screen; it stays as it is. */
