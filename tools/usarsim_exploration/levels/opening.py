@@ -28,9 +28,8 @@ def open_level(scenario: Scenario, connect: str = "") -> ServerLevel:
     place = _place(connect) if connect else _own(scenario)
     try:
         return ServerLevel(
-            physics, scenario.team, environment.shape, environment.cell, scenario.radio, place,
-            metres=scenario.rules.starts,
-        )  # fmt: skip
+            physics, scenario.team, environment.shape, environment.cell, scenario.radio, place
+        )
     except BaseException:
         if place.own is not None:
             place.own.close()
@@ -38,8 +37,7 @@ def open_level(scenario: Scenario, connect: str = "") -> ServerLevel:
 
 
 def _own(scenario: Scenario) -> Place:
-    ranges = [one.radio_range for one in scenario.team if one.radio_range > 0.0]
-    reach = min(ranges, default=1.0)  # who has none is silent
+    reach = min((one.radio_range for one in scenario.team), default=0.0)
     own = OwnServer(
         scenario.world, scenario.radio, reach, scenario.basics.seed, scenario.physics.control
     )

@@ -17,17 +17,15 @@ _KNOWING = {"team": "somebody has known", "base": "the base knows"}
 
 
 def _cells(history: History, who: Who) -> Counts:
-    """Those that count for shares of the reachable ones."""
-    return history.known_team if who == "team" else history.known_base
+    return history.free_team if who == "team" else history.free_base
 
 
 def _percent_reachable(history: History, who: Who) -> float:
-    return 100 * int(_cells(history, who)[-1]) / int(history.reachable[-1])
+    return 100 * int(_cells(history, who)[-1]) / history.reachable
 
 
 def _percent_all(history: History, who: Who) -> float:
-    cells = history.free_team if who == "team" else history.free_base
-    return 100 * int(cells[-1]) / int(history.free[-1])
+    return 100 * int(_cells(history, who)[-1]) / history.free
 
 
 def _time(history: History, who: Who, share: int) -> int | None:
@@ -35,7 +33,7 @@ def _time(history: History, who: Who, share: int) -> int | None:
 
 
 def _area(history: History, who: Who) -> float:
-    return float((_cells(history, who) / history.reachable).mean())
+    return float(_cells(history, who).mean() / history.reachable)
 
 
 def _declare(who: Who) -> None:
@@ -100,4 +98,4 @@ def _mean_wait(history: History) -> float:
 )  # fmt: skip
 def _base_map_iou(history: History) -> float:
     right, believed = int(history.free_base[-1]), int(history.believed[-1, 0])
-    return right / (int(history.free[-1]) + believed - right)
+    return right / (history.free + believed - right)

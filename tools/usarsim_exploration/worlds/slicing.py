@@ -61,8 +61,7 @@ def slice_world(folder: Path, rules: Rules) -> World:
     place = _base(description, facts.get("base"))
     wanted = int((place[0] - west) / cell), int((north - place[1]) / cell)
     _enclose(walls, wanted)
-    environment = Environment(description.name, walls, cell)
-    return settle(environment, description.title, wanted, scale=rules.scale(cell))
+    return settle(Environment(description.name, walls, cell), description.title, wanted)
 
 
 def _enclose(walls: NDArray[np.uint8], cell: Cell) -> None:

@@ -22,10 +22,7 @@ DRAWS: tuple[Draw, ...] = get_args(Draw)
 """How the seed may draw places."""
 STARTS = 16
 _ROOMS = ((8, 4), (4, 2), (2, 1), (1, 1))
-"""Cells between two starts, and from a start to a wall: as much as there is room for. Where robots
-have bodies, lengths of `TENTH` m stand for these."""
-TENTH = 0.1
-"""m."""
+"""Cells between two starts, and from a start to a wall: as much as there is room for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +50,7 @@ class World:
 
 
 def settle(
-    environment: Environment,
-    title: str,
-    wanted: Cell | None = None,
-    *,
-    anywhere: bool = False,
-    scale: float = 1.0,
+    environment: Environment, title: str, wanted: Cell | None = None, *, anywhere: bool = False
 ) -> World:
     """Find a place for the base and for the robots.
 
@@ -69,57 +61,30 @@ def settle(
     Args:
         environment: to explore. title: of the world.
         wanted: cell near which the base stands.
-        anywhere: all free cells count as inside. scale: see `start_around`.
+        anywhere: all free cells count as inside.
 
     Raises:
         WorldError: there is no free cell.
     """
     part = _main_part(environment, environment.walls == 0 if anywhere else environment.inside)
     clear = np.where(part, clearance(environment.walls), 0)
-    room = min(_cells(_ROOMS[0][1], scale), int(clear[part].max()))
+    room = min(_ROOMS[0][1], int(clear[part].max()))
     if wanted is None:
         base = _cell(np.where(part, -clear, 1))
     else:
         rows, columns = np.indices(part.shape)
         away = (rows - wanted[1]) ** 2 + (columns - wanted[0]) ** 2
         base = _cell(np.where(part & (clear >= room), away, away.max() + 1))
-    return World(environment, title, base, _starts(environment, clear, base, scale))
+    return World(environment, title, base, _starts(environment, clear, base))
 
 
-def start_around(environment: Environment, base: Cell, scale: float = 1.0) -> tuple[Cell, ...]:
-    """Places for robots from which the base can be reached, inside if it is.
-
-    Args:
-        environment: to explore. base: a free cell.
-        scale: cells that stand for one of the distances that starts keep.
-    """
-    part = environment.reachable(base)
-    if environment.inside[base[1], base[0]]:
-        part &= environment.inside
-    clear = np.where(part, clearance(environment.walls), 0)
-    return _starts(environment, clear, base, scale)
-
-
-def scale_of(cell: float) -> float:
-    """Cells of a width, m, that are as long as `TENTH`."""
-    return TENTH / cell
-
-
-def _cells(length: int, scale: float) -> int:
-    """Cells, at least one, that are as long as so many when `scale` of them are one."""
-    return max(1, round(length * scale))
-
-
-def draw_places(
-    environment: Environment, title: str, where: Draw, seed: int, scale: float = 1.0
-) -> World:
+def draw_places(environment: Environment, title: str, where: Draw, seed: int) -> World:
     """The same for the same seed, whoever explores; places are inside, as those of `settle`.
 
     Args:
         environment: to explore. title: of the world.
         where: with room around; on cells beside walls; or among the tenth of the cells that have
             the longest way to a wall. seed: of the base's place; robots start near it.
-        scale: see `start_around`.
 
     Raises:
         WorldError: there is no free cell.
@@ -131,15 +96,14 @@ def draw_places(
     elif where == "drawn in the open":
         allowed = part & (clear >= np.quantile(clear[part], 0.9))
     else:
-        room = min(_cells(_ROOMS[0][1], scale), int(clear[part].max()))
-        allowed = part & (clear >= room)
+        allowed = part & (clear >= min(_ROOMS[0][1], int(clear[part].max())))
     cells = np.argwhere(allowed)
     random = np.random.Generator(np.random.PCG64([seed, len(cells)]))
     row, column = cells[random.integers(len(cells))].tolist()
     if where == "drawn at a wall":  # robots, too
-        clear = np.where(allowed, _cells(_ROOMS[0][1], scale), 0)
+        clear = np.where(allowed, _ROOMS[0][1], 0)
     base = column, row
-    return World(environment, title, base, _starts(environment, clear, base, scale))
+    return World(environment, title, base, _starts(environment, clear, base))
 
 
 def _main_part(environment: Environment, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -164,16 +128,13 @@ def _cell(costs: NDArray[np.int64]) -> Cell:
     return column, row
 
 
-def _starts(
-    environment: Environment, clear: NDArray[np.int64], base: Cell, scale: float
-) -> tuple[Cell, ...]:
+def _starts(environment: Environment, clear: NDArray[np.int64], base: Cell) -> tuple[Cell, ...]:
     free = (environment.walls == 0).astype(np.uint8)
     costs, _ = flood(free, np.array([base], np.int64), free.size, EVERYWHERE)
     order = np.argsort(costs, axis=None, kind="stable")[1:]
     order = order[costs.reshape(-1)[order] < np.iinfo(costs.dtype).max]
     found: list[Cell] = []
-    for rooms in _ROOMS:
-        apart, room = (_cells(length, scale) for length in rooms)
+    for apart, room in _ROOMS:
         open_ = clear >= room
         found = []
         for taken in (base,):
