@@ -1,4 +1,4 @@
-"""Where things are on the page, on screens of every size: the emergency stop is seen, and no control lies on another."""
+"""Where things are on the page at every size: Stop is seen, and no control lies on another."""
 
 from __future__ import annotations
 
@@ -51,7 +51,8 @@ LOOK = """() => {
   };
   const stop = document.querySelector("[data-do=estop]");
   const dialog = document.querySelector("dialog[open]");
-  if (document.documentElement.scrollWidth > innerWidth) wrong.push("the page is wider than the window");
+  if (document.documentElement.scrollWidth > innerWidth)
+    wrong.push("the page is wider than the window");
   if (!stop.hidden) {
     const box = stop.getBoundingClientRect();
     const { wide, high } = seen(stop);
@@ -87,7 +88,8 @@ LOOK = """() => {
     if (!hit || !(one.contains(hit) || hit.contains(one) || hit.closest("label")?.contains(one)))
       wrong.push(`${hit?.className || hit?.tagName} lies on ${name(one)}`);
   }
-  for (const one of document.querySelectorAll(".header-items, .banners, .grid, dialog")) one.scrollTop = 0;
+  for (const one of document.querySelectorAll(".header-items, .banners, .grid, dialog"))
+    one.scrollTop = 0;
   return wrong;
 }"""
 
@@ -137,7 +139,9 @@ def test_stop_is_seen_and_nothing_lies_on_anything(
                 if device == "touch" and width > 1366:
                     continue
                 page.set_viewport_size({"width": width, "height": height})
-                page.evaluate("new Promise((done) => requestAnimationFrame(() => setTimeout(done)))")
+                page.evaluate(
+                    "new Promise((done) => requestAnimationFrame(() => setTimeout(done)))"
+                )
                 if state == "stopped" and role != "viewer":
                     _ask(page, played)
                 if state == "dialog":
@@ -160,7 +164,9 @@ def test_text_grows_with_the_screen(browser: Any, played: Played) -> None:
     """On 3840 x 2160 px letters are twice as large as on 1920 x 1080, those on the map, too."""
     sizes = []
     for width, height in ((1920, 1080), (3840, 2160)):
-        with shown(browser, played.url("operator"), viewport={"width": width, "height": height}) as page:
+        with shown(
+            browser, played.url("operator"), viewport={"width": width, "height": height}
+        ) as page:
             until(lambda page=page: page.evaluate("usarsim.map.drawn") > 2)
             sizes.append(
                 page.evaluate(

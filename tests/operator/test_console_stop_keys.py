@@ -1,4 +1,4 @@
-"""The emergency stop works wherever the focus is, only ever stops, and is released by another act."""
+"""The emergency stop works wherever the focus is, only stops, and is released by another act."""
 
 from __future__ import annotations
 
@@ -142,7 +142,9 @@ async def test_space_stops_wherever_the_focus_is(stage: Stage, focus: str) -> No
                 if focus == "disclosure":
                     await page.evaluate("document.querySelector('.more').open = true")
             count = len(await page.evaluate("sent"))
-            before = await page.evaluate("[document.activeElement.value, document.activeElement.size]")
+            before = await page.evaluate(
+                "[document.activeElement.value, document.activeElement.size]"
+            )
             if way == "no code":
                 await page.evaluate(SPACE, "keydown")
                 await page.evaluate(SPACE, "keyup")

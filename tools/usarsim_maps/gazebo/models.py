@@ -328,11 +328,11 @@ class Models:
             return
         if entry is None:
             saved = None if place.saved is None else place.saved.inner(item.name)
-            matrix = None if saved is None else saved.matrix
+            told = None if saved is None else saved.matrix
             name = _joined(place.prefix, item.name)
             self._met.add(name)
             self._unknown.append(f"{name}::")
-            self._absent(node, place.matrix @ scope.place(item) if matrix is None else matrix)
+            self._absent(node, place.matrix @ scope.place(item) if told is None else told)
         elif entry.node.tag == "light":
             self._light(entry.document, entry.node, place.matrix @ scope.place(item), entry.name)
         elif entry.node.tag == "actor":

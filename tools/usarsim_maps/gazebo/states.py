@@ -6,8 +6,9 @@ another frame. SDFormat 1.12 calls the elements `model_state`, `link_state` and 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,6 +16,16 @@ from usarsim_maps.gazebo.elements import LIGHT_STATE, LINK_STATE, MODEL_STATE, S
 from usarsim_maps.gazebo.frames import Scope, frame_of, sound_matrix
 from usarsim_maps.meshes.xml_text import Document, Node
 from usarsim_maps.scene import Array
+
+
+Saved = TypeVar("Saved")
+
+
+def _within(prefix: str, known: Mapping[str, Saved]) -> dict[str, Saved]:
+    """What is known under names that begin with a prefix, by the rest of the names."""
+    return {
+        word.removeprefix(prefix): value for word, value in known.items() if word.startswith(prefix)
+    }
 
 
 @dataclass(slots=True, eq=False)
@@ -30,14 +41,7 @@ class SavedModel:
         """What is said about a model in this one: under its own name, or in names of links and
         models that step into it."""
         prefix = f"{name}::"
-        links, models = (
-            {
-                word.removeprefix(prefix): value
-                for word, value in known.items()
-                if word.startswith(prefix)
-            }
-            for known in (self.links, self.models)
-        )
+        links, models = _within(prefix, self.links), _within(prefix, self.models)
         own = self.models.get(name)
         if own is None:
             return SavedModel(links=links, models=models) if links or models else None
