@@ -17,7 +17,6 @@ from usarsim_maps.gazebo.frames import Scope, frame_of, sound_matrix
 from usarsim_maps.meshes.xml_text import Document, Node
 from usarsim_maps.scene import Array
 
-
 Saved = TypeVar("Saved")
 
 
