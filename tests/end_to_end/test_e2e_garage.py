@@ -21,6 +21,7 @@ import pytest
 from side_clients import WirelessModel
 
 from usarsim_server.actuators.effectors import create_effectors
+from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sensors.base import SensorContext, create_sensor
 from usarsim_server.testing import ScriptedClient, eventually, running_server
@@ -111,7 +112,9 @@ def item_types(robot: RobotDescription, dialect: str) -> dict[str, list[str]]:
     context = SensorContext(robot, world, np.random.default_rng(0))
     found: dict[str, list[str]] = {}
     for item in robot.items:
-        found.setdefault(create_sensor(item, context).wire_type, []).append(item.name)
+        sensor = create_sensor(item, context)
+        if sensor.known_in(Dialect(dialect)):
+            found.setdefault(sensor.wire_type, []).append(item.name)
     packages = [one.name for one in robot.actuators if one.package]
     if packages:
         found["MisPkg" if dialect == "ut2004" else "Actuator"] = packages

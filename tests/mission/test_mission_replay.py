@@ -286,7 +286,10 @@ def test_an_input_at_another_tick_is_another_run(
     record["text"]["left"] *= 0.5
     lines[drives[3]] = json.dumps(record)
     (moved / EVENTS).write_text("\n".join(lines) + "\n")
-    assert replay_command(Namespace(folder=moved, out=None, robots=[], device=None)) == 1
+    assert (
+        replay_command(Namespace(folder=moved, out=None, robots=[], device=None, unattended=False))
+        == 1
+    )
     told = capsys.readouterr().out
     assert "command" in told
     assert "state" in told

@@ -21,7 +21,7 @@ from console_harness import gateway
 from usarsim_operator.roles import Role
 
 ZERO = (0.0, 0.0)
-EVIL = "<img src=x onerror=alert(1)>"
+EVIL = "<img/src=x/onerror=alert(1)>"  # as names have no blanks
 CYCLES = 20
 
 
@@ -255,7 +255,8 @@ async def test_a_viewer_is_offered_nothing_that_it_may_not_do(stage: Stage) -> N
             await notice(page, "a viewer only looks")
             await page.wait_for_function("window.sent.some((one) => one.type === 'ping')")
             sent = await page.evaluate("window.sent")
-            assert {one["type"] for one in sent} == looks
+            # Pictures may or may not have come meanwhile.
+            assert {one["type"] for one in sent} | {"shown"} == looks
             assert await page.locator("[data-stick]:visible").count() == 0
 
 

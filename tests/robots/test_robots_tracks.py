@@ -234,7 +234,9 @@ def test_surfaces_follow_the_sprocket_of_their_side(name: str) -> None:
         upright = data.geom_xmat[geom].reshape(3, 3)[2, 2]
         if "roller" in label or upright < -0.9:
             seen += 1
-            assert velocity[0] == pytest.approx(-wanted, rel=0.05)
+            # A run that rises towards a hinge carries what stands on it along itself.
+            level = 1.0 if "roller" in label else -upright
+            assert velocity[0] == pytest.approx(-wanted * level, rel=0.05)
     assert seen >= 2 * len(tracked(robot).tracks)
 
 

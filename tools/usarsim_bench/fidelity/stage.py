@@ -33,7 +33,7 @@ class Stage(Closing):
         client: the connection that owns the robot.
         vehicle: the robot. robot: its class.
         every: steps between two looks. glance: s between them.
-        warnings: what the server warned of, MuJoCo's numerical warnings included.
+        warnings: what the simulation warned of, MuJoCo's numerical warnings included.
     """
 
     def __init__(
@@ -135,14 +135,15 @@ class Stage(Closing):
 
 
 class _Ear(logging.Handler):
-    """Collects warnings of the server."""
+    """Collects warnings of the simulation; a robot that is told to drive into a wall is none."""
 
     def __init__(self, heard: list[str]) -> None:
         super().__init__(logging.WARNING)
         self._heard = heard
 
     def emit(self, record: logging.LogRecord) -> None:
-        self._heard.append(record.getMessage())
+        if record.name != f"{ROOT}.robot":
+            self._heard.append(record.getMessage())
 
 
 def yaw_of(state: RobotBody) -> float:

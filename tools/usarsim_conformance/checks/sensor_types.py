@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.recordings import driven, senses, standing
-from usarsim_conformance.registry import Severity, control, once, udk, unreal, ut2004
+from usarsim_conformance.registry import Severity, control, udk, unreal, ut2004
 
 _OF_MOUNTS = ("ECTilt", "ECPan")
 """Encoders that count turns of a camera's mount (robots reference 2)."""
@@ -184,7 +184,7 @@ async def camera_silent(case: Case) -> None:
     case.expect(not lines, f"a camera's line: {lines[:1]}")
 
 
-@once("sensors.climb", "AltitudeSensor grows upwards", "6, no. 123")
+@udk("sensors.climb", "AltitudeSensor grows upwards", "6, no. 123")
 async def climb(case: Case) -> None:
     """The relative altitude of an AltitudeSensor increases when climbing."""
     robot = await case.spawn("aerial")

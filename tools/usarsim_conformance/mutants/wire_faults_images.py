@@ -123,7 +123,7 @@ class LosesOne(Link):
         return b"" if self.told == 7 else unit
 
 
-wire_fault("images.header.one-write")(in_pieces(5))
+wire_fault("images.header.type-alone")(in_pieces(5))
 
 
 @wire_fault("images.legacy.frame-first")

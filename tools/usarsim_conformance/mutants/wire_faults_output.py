@@ -205,7 +205,7 @@ said(
     "control.sensors.camera-silent",
     (r"(STA .*\r\n)", r"\1" "SEN {Type Camera} {Name Camera}\r\n"),
 )
-said("control.sensors.climb", ("relativeAltitude ", "relativeAltitude -"))
+said("control.sensors.climb", ("relativeAltitude ", "relativeAltitude -"), dialect=UDK)
 said("control.sensors.encoder-integers", (r"(Tick -?\d+)", r"\1.0"))
 said("control.sensors.encoder-names-udk", (r"\{Name W(\d)", r"{Name EC\1"), dialect=UDK)
 said("control.sensors.gps", (r"(Latitude \d+,\d+\.\d\d)\d\d", r"\1"))
