@@ -19,8 +19,8 @@ from usarsim_server.files import read_regular
 
 MIB = 1 << 20
 
-MAX_PIECES = 250_000
-MAX_MEMORY = 512
+MAX_PIECES = 160_000
+MAX_MEMORY = 480
 """Geoms of a world, and MiB of its model, unless somebody sets other bounds: a world that reaches
 both has its first sensor some 2 s after an INIT, as estimated."""
 RAYS_SHARE = 4
@@ -38,7 +38,7 @@ _TRIANGLE = 205
 """Bytes of each triangle of each geom that rays meet: corners, normal, tree."""
 _READY, _READY_PIECE, _READY_HULL = 1.0, 79e-6, 65e-6
 """s until a server is READY: at least, and more for each geom and each mesh."""
-_INIT, _INIT_PIECE, _INIT_MIB = 0.2, 4.0e-6, 1.4e-3
+_INIT, _INIT_PIECE, _INIT_MIB = 0.3, 8.6e-6, 5.4e-4
 """s from an INIT that needs a larger model to the first sensor: at least, for each geom and MiB."""
 
 _GEOM = re.compile(rb"<geom[\s/>]")

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.errors import SpawnError
 from usarsim_server.logs import Log
-from usarsim_server.simulation.frames import Pose, Vector, around
+from usarsim_server.simulation.frames import Array, Pose, Vector, around
 from usarsim_server.simulation.mailbox import yield_interpreter
 from usarsim_server.simulation.model import SHELF_HEIGHT, CompiledWorld, put, root_qpos
 from usarsim_server.simulation.movers import mocap_bodies, pose_as
@@ -52,6 +52,8 @@ FOOT = 0.7
 AROUND = 0.5
 """m beyond the robot's reach at which drops are looked for."""
 EIGHT = tuple((math.cos(n * math.pi / 4.0), math.sin(n * math.pi / 4.0)) for n in range(8))
+LOOKED_AROUND = 12.0
+"""m around a place within which geoms are kept for rays up and down."""
 FIT_CLEARANCE = 0.001
 """m above an endless floor that a thing is lifted to."""
 CAPSULE_END = 2.0 / 3.0
@@ -60,6 +62,9 @@ NUDGE = 1e-3
 """m: where two geoms have one centre the distance is measured with one of them moved by this."""
 
 _log = Log("simulation")
+
+_PLANE, _MESH = mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_MESH
+_HFIELD = mujoco.mjtGeom.mjGEOM_HFIELD
 
 
 class _Judge:
@@ -94,17 +99,16 @@ class Placement(_Judge):
     def __init__(self, world: CompiledWorld, lower: Vector, upper: Vector) -> None:
         super().__init__(world, lower, upper)
         # Awake, so that contacts with sleeping robots are found too.
-        changed = ("body_contype", "body_conaffinity", "geom_rgba", "geom_matid")
+        changed = ("body_contype", "body_conaffinity")
         self._model = changeable(world.model, *changed)
         self._model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
         self._model.body_contype[:], self._model.body_conaffinity[:] = world.masks
         # What is only seen (the true surface of a mesh) is no ground to stand on.
-        hollow = (self._model.geom_contype | self._model.geom_conaffinity) == 0
-        self._model.geom_rgba[hollow, 3] = 0.0
-        self._model.geom_matid[hollow] = -1
-        self._floors = np.flatnonzero(self._model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE))
-        # MuJoCo's rays pass a plane beyond what is drawn of it; contacts know no such end.
-        self._model.geom_size[self._floors, :2] = 0.0
+        felt = (self._model.geom_contype | self._model.geom_conaffinity) != 0
+        self._felt = np.flatnonzero(felt & (self._model.geom_type != int(_PLANE)))
+        self._floors = np.flatnonzero(self._model.geom_type == int(_PLANE))
+        self._near: tuple[tuple[float, float], NDArray[np.intp]] | None = None
+        self._dirty = True  # the robot is where it was tried, or this is another moment
         mujoco.mj_kinematics(self._model, self._data)
 
     def admit(self, pose: Pose, rest_height: float) -> Pose:
@@ -132,6 +136,7 @@ class Placement(_Judge):
         Raises:
             SpawnError: if the pose is not finite or everything near is full.
         """
+        self._near, self._dirty = None, True
         rest_height = self._world.slots[slot].rest_height
         grounded = self.admit(pose, rest_height)
         outside = not self._inside(self._above_floor(pose, rest_height))
@@ -217,8 +222,10 @@ class Placement(_Judge):
 
     def _park(self, snapshot: Snapshot) -> None:
         """Take the robot away from where it was tried, so that rays do not meet it."""
-        self._show(snapshot)
-        mujoco.mj_kinematics(self._model, self._data)
+        if self._dirty:
+            self._show(snapshot)
+            mujoco.mj_kinematics(self._model, self._data)
+            self._dirty = False
 
     def _floor(self, start: Vector) -> float:
         """Height of the ground straight below a point; infinite if that is a thing that moves."""
@@ -279,8 +286,7 @@ class Placement(_Judge):
             for low, value, high in zip(self._lower, (x, y), self._upper, strict=False)
         ]
         looks = min(MOST_LOOKS, math.ceil(math.hypot(*ahead) / INWARD_STEP)) + 1
-        self._show(snapshot)
-        mujoco.mj_kinematics(self._model, self._data)
+        self._park(snapshot)
         reach = self._reach(slot) / max(math.hypot(*ahead), 1e-6)
 
         def at(share: float) -> Vector:
@@ -323,8 +329,7 @@ class Placement(_Judge):
         thickness, about to fall out of the world.
         """
         x, y, z = pose.position
-        self._show(snapshot)
-        mujoco.mj_kinematics(self._model, self._data)
+        self._park(snapshot)
         if self._way(pose.position, -1.0) <= z - self._lower[2]:
             return pose
         bottom = self._way(pose.position, 1.0)
@@ -338,19 +343,55 @@ class Placement(_Judge):
         return self._meet(start, up)[0]
 
     def _meet(self, start: Vector, up: float) -> tuple[float, int]:
-        """Way (m) to the next surface straight up (1) or down (-1), and its geom; inf and -1."""
-        geom = np.zeros(1, dtype=np.int32)
-        upward = np.array([0.0, 0.0, up])
+        """Way (m) to the next surface straight up (1) or down (-1), and its geom; inf and -1.
+
+        Only geoms above or below the point are asked, and endless planes as contacts know them:
+        `mj_ray` would ask all geoms of the world, and pass a plane beyond what is drawn of it.
+        """
         model, data = self._model, self._data
-        way = mujoco.mj_ray(model, data, np.array(start), upward, None, 1, -1, geom, None)
-        reached = geom[0] >= 0 and start[2] + up * way < SHELF_HEIGHT - 100.0
-        return (float(way), int(geom[0])) if reached else (math.inf, -1)
+        found, met = math.inf, -1
+        point, upward = np.array(start), np.array([0.0, 0.0, up])
+        for geom in self._over_and_under(start).tolist():
+            kind = model.geom_type[geom]
+            if kind == int(_MESH):
+                way = mujoco.mj_rayMesh(model, data, geom, point, upward, None)
+            elif kind == int(_HFIELD):
+                way = mujoco.mj_rayHfield(model, data, geom, point, upward, None)
+            else:
+                place, turn = data.geom_xpos[geom], data.geom_xmat[geom]
+                size = model.geom_size[geom]
+                way = mujoco.mju_rayGeom(place, turn, size, point, upward, int(kind), None)
+            if 0.0 <= way < found and start[2] + up * way < SHELF_HEIGHT - 100.0:
+                found, met = float(way), geom
+        for geom in self._floors.tolist():
+            normal = data.geom_xmat[geom].reshape(3, 3)[:, 2]
+            rise = up * float(normal[2])
+            if abs(rise) < 1e-9:
+                continue
+            way = float(normal @ (data.geom_xpos[geom] - point)) / rise
+            if 0.0 <= way < found:
+                found, met = way, geom
+        return found, met
+
+    def _over_and_under(self, start: Vector) -> NDArray[np.intp]:
+        """Geoms whose bounding spheres a vertical line meets."""
+        x, y, _ = start
+        if self._near is None or math.dist(self._near[0], (x, y)) > LOOKED_AROUND:
+            self._near = (x, y), self._felt[self._aside(self._felt, x, y) < LOOKED_AROUND]
+        near = self._near[1]
+        return near[self._aside(near, x, y) < 0.0]
+
+    def _aside(self, geoms: NDArray[np.intp], x: float, y: float) -> Array:
+        """Level way (m) from a vertical line to the bounding spheres of geoms; negative within."""
+        away = self._data.geom_xpos[geoms, :2] - (x, y)
+        return np.asarray(np.hypot(away[:, 0], away[:, 1]) - self._model.geom_rbound[geoms])
 
     def _overlap(self, snapshot: Snapshot, slot: int, pose: Pose) -> tuple[float, bool]:
         """Deepest overlap (m) of the robot at a pose, and whether anything movable is in it."""
         layout = self._world.layouts[slot]
         data = self._data
         yield_interpreter()
+        self._dirty = True
         self._show(snapshot)
         data.qpos[layout.qpos : layout.qpos + 7] = root_qpos(pose)
         mujoco.mj_kinematics(self._model, data)
