@@ -23,9 +23,15 @@ TASKS = [Told(f"run {number}", seconds=0.05) for number in range(24)]
 
 def test_who_takes_too_much_is_ended() -> None:
     """BAT-04: what hangs, crashes or eats memory is ended, with its log; the others go on."""
-    tasks = [Told("a", "crashes"), Told("b", "hangs"), Told("c", "eats"), Told("d"), Told("e")]
-    engine = Local(2, Limits(seconds=2, memory=300 << 20))
-    found = {task.key: played for task, played in engine.play(play, tasks)}
+    tasks = [Told("a", "crashes"), Told("c", "eats"), Told("d"), Told("e")]
+    engines = (
+        (Local(2, Limits(seconds=2)), [Told("b", "hangs")]),
+        # On a busy machine a run may need long until it has eaten so much.
+        (Local(2, Limits(seconds=200, memory=300 << 20)), tasks),
+    )
+    found = {
+        task.key: played for engine, some in engines for task, played in engine.play(play, some)
+    }
     assert found["a"].error == "its process ended with code -11"
     assert "last words" in str(found["a"].about["log"])
     assert found["b"].error == "took longer than 2 s (see --time-limit)"

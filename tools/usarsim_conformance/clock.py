@@ -95,14 +95,25 @@ class SimulatedClock:
         while self.now < until:
             await self._wait_on(self._bell(until))
 
-    async def wait(self, awaited: asyncio.Future[Any], until: float) -> bool:
+    async def wait(
+        self, awaited: asyncio.Future[Any], until: float, least_wall: float = 0.0
+    ) -> bool:
         """Wait for something until a moment; returns whether it is there.
+
+        Args:
+            awaited: what is waited for.
+            until: the moment, see `after`.
+            least_wall: s of wall time that have to pass as well before it is given up.
 
         Raises:
             Stalled: if simulated time does not go on.
         """
+        loop = asyncio.get_running_loop()
+        least = loop.time() + least_wall
         while not awaited.done() and self.now < until:
             await self._wait_on(self._bell(until), awaited)
+        if not awaited.done() and loop.time() < least:
+            await asyncio.wait({awaited}, timeout=least - loop.time())
         for _ in range(_ROUNDS):
             if awaited.done():
                 break

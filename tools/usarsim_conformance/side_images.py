@@ -21,6 +21,9 @@ from usarsim_conformance.wire import Wire
 
 FRAME_WITHIN = 60.0
 """s of simulated time for a frame; a server that draws without a graphics card may need long."""
+FRAME_LEAST_WALL = 15.0
+"""s of wall time that it has at least: pictures are drawn in real time, also where a minute of
+simulated time passes in a second."""
 
 Pixels = NDArray[np.uint8]
 
@@ -131,12 +134,12 @@ class ImageClient:
 async def read_frame(wire: Wire, within: float | None = None) -> Frame:
     """The next reply on a connection."""
     within = FRAME_WITHIN if within is None else within
-    head = await wire.read_exactly(HEADER.size, within)
+    head = await wire.read_exactly(HEADER.size, within, FRAME_LEAST_WALL)
     try:
         kind, length = header(head)
     except ProtocolError as error:
         raise Failed(str(error)) from None
-    return Frame(kind, await wire.read_exactly(length, within))
+    return Frame(kind, await wire.read_exactly(length, within, FRAME_LEAST_WALL))
 
 
 async def facts_of(case: Case) -> Facts:

@@ -175,14 +175,21 @@ class Wire:
         """Whatever comes next until a moment of the clock; nothing if nothing comes."""
         return self._connection.inbox.everything() or await self._receive(moment)
 
-    async def read_exactly(self, count: int, within: float) -> bytes:
+    async def read_exactly(self, count: int, within: float, least_wall: float = 0.0) -> bytes:
         """That many bytes.
+
+        Args:
+            count: of bytes.
+            within: s of simulated time.
+            least_wall: s of wall time that have to pass as well before they are given up, for
+                what a server makes in real time at any speed of the simulation.
 
         Raises:
             Failed: if fewer come in time.
             Hangup: if the server closed the connection.
         """
-        return await self._take(partial(Inbox.exactly, count=count), within, f"{count} bytes")
+        take = partial(Inbox.exactly, count=count)
+        return await self._take(take, within, f"{count} bytes", least_wall)
 
     async def read_until(self, end: bytes, within: float) -> bytes:
         """Bytes up to and with an end mark.
@@ -249,10 +256,12 @@ class Wire:
             self._transcript.note(self.label, "closed")
             self._connection.close()
 
-    async def _take(self, take: Take[bytes], within: float, what: str) -> bytes:
+    async def _take(
+        self, take: Take[bytes], within: float, what: str, least_wall: float = 0.0
+    ) -> bytes:
         inbox, moment = self._connection.inbox, self.clock.after(within)
         while (found := take(inbox)) is None:
-            data = await self._receive(moment)
+            data = await self._receive(moment, least_wall)
             if not data:
                 raise Failed(
                     f"{what} did not come within {within:g} s; so far {len(inbox)} bytes: "
@@ -261,12 +270,12 @@ class Wire:
             inbox.feed(data)
         return found
 
-    async def _receive(self, moment: float) -> bytes:
+    async def _receive(self, moment: float, least_wall: float = 0.0) -> bytes:
         if self._reading is None:
             self._reading = asyncio.create_task(self._next())
             self._reading.add_done_callback(_noticed)
         # Never cancelled by a time limit: nothing that has come may be lost.
-        if not await self.clock.wait(self._reading, moment):
+        if not await self.clock.wait(self._reading, moment, least_wall):
             return b""
         reading, self._reading = self._reading, None
         try:

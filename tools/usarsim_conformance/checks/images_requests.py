@@ -9,6 +9,7 @@ from usarsim_client.pictures import FULL_FRAME, rectangle
 from usarsim_conformance.case import Case
 from usarsim_conformance.registry import Severity, checks_of
 from usarsim_conformance.side_images import (
+    FRAME_LEAST_WALL,
     FRAME_WITHIN,
     Facts,
     ImageClient,
@@ -328,7 +329,7 @@ async def vanishes(case: Case) -> None:
         client = await ImageClient.open(case)
         await client.send(request)
         if request.startswith(FULL_FRAME):
-            await client.wire.read_exactly(100, FRAME_WITHIN)
+            await client.wire.read_exactly(100, FRAME_WITHIN, FRAME_LEAST_WALL)
         client.wire.reset()
     await (await ImageClient.open(case)).ask()
 
