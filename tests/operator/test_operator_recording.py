@@ -19,8 +19,10 @@ from usarsim_server.testing import running_server
 
 
 def marked(path: Path) -> bool:
-    """Whether a recorded state has marks."""
-    return any(isinstance(one, Text) and one.fields.get("marks") for one in Recording(path))
+    """Whether a recorded state has marks, and an input that is no object is recorded."""
+    texts = [one.fields for one in Recording(path) if isinstance(one, Text)]
+    inputs = [one["text"] for one in texts if one["type"] == "input"]
+    return any(one.get("marks") for one in texts) and any(isinstance(one, str) for one in inputs)
 
 
 def test_a_session_is_kept_and_a_full_disk_harms_nobody(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from usarsim_batch.errors import BatchError
 from usarsim_batch.folder import Folder, write
+from usarsim_server.children import python
 
 SCRIPT = "slurm.sh"
 MOST = 1000
@@ -30,7 +30,7 @@ def write_script(folder: Folder, words: Sequence[str], parts: int, missing: Sequ
         BatchError: it cannot be written.
     """
     logs = folder.folder.absolute() / "slurm-%a.log"
-    command = shlex.join([sys.executable, "-m", "usarsim_server", *words, "--jobs", "1", "--part"])
+    command = shlex.join(python("-m", "usarsim_server", *words, "--jobs", "1", "--part"))
     path = folder.folder / SCRIPT
     text = (
         "#!/bin/sh\n"

@@ -26,6 +26,7 @@ from typing import IO, Any, NoReturn
 import psutil
 
 from usarsim_batch.tasks import Played, Run, T, failed
+from usarsim_server.children import python
 
 _LOOK = 0.5
 """s between two looks at time and memory of a run."""
@@ -126,7 +127,7 @@ class Worker:
         self.close()
         self._log = tempfile.TemporaryFile()  # noqa: SIM115  (closed when it is forgotten)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "usarsim_batch.worker"],
+            python("-m", "usarsim_batch.worker"),
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
             start_new_session=True,

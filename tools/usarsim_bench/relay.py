@@ -26,6 +26,7 @@ from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms, p99
 from usarsim_bench.server import SERVE, BenchError, CarefulClosing, Server, load_between
 from usarsim_bench.team import ROBOTS, SETTLE, gather, load_figures, paces
 from usarsim_client import BlockingConnection, ProtocolError, command, road
+from usarsim_server.children import python
 
 CHUNK = 64 * 1024
 
@@ -309,7 +310,7 @@ def _proxy_link() -> Iterator[tuple[socket.socket, socket.socket]]:
     with socket.create_server(("127.0.0.1", 0)) as listening:
         listening.settimeout(_PATIENCE)
         port = str(listening.getsockname()[1])
-        command = [sys.executable, "-m", "usarsim_bench.relay", port]
+        command = python("-m", "usarsim_bench.relay", port)
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         try:
             assert process.stdout is not None

@@ -10,7 +10,6 @@ import functools
 import pickle
 import re
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -21,6 +20,7 @@ from typing import TypeVar
 import psutil
 
 from usarsim_client import BlockingConnection, Closing, ProtocolError
+from usarsim_server.children import python
 
 
 class BenchError(RuntimeError):
@@ -190,7 +190,7 @@ class Program(CarefulClosing):
         self._what, self._stops_within = what, stops_within
         self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115  (closed by `close`)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", *command], stdout=subprocess.PIPE, stderr=self._errors, text=True
+            python("-m", *command), stdout=subprocess.PIPE, stderr=self._errors, text=True
         )
         self.pid = self._process.pid
 
@@ -300,7 +300,7 @@ def run_apart(
         BenchError: if it fails, with what it said, or takes too long.
     """
     name, given = measure.__module__, pickle.dumps((measure, arguments))
-    command = [sys.executable, "-c", _APART]
+    command = python("-c", _APART)
     try:
         done = subprocess.run(
             command, input=given, capture_output=True, check=False, timeout=patience
@@ -321,7 +321,7 @@ def all_classes() -> tuple[str, ...]:
     Raises:
         BenchError: if it does not tell.
     """
-    command = [sys.executable, "-m", "usarsim_server.cli", "robots"]
+    command = python("-m", "usarsim_server.cli", "robots")
     told = subprocess.run(command, capture_output=True, text=True, check=False)
     names = tuple(line.split()[0] for line in told.stdout.splitlines()[1:] if line.strip())
     if told.returncode or not names:

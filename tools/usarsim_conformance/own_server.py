@@ -8,7 +8,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -20,11 +19,12 @@ from usarsim_conformance.report import Report
 from usarsim_conformance.reports import SIGNS
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.survey import Target
+from usarsim_server.children import python
 
 STAGE = Path(__file__).with_name("stage")
 """A world like the empty one with a few people far off, and robots with sensors of every type."""
 
-_USARSIM = (sys.executable, "-m", "usarsim_server.cli")
+_USARSIM = python("-m", "usarsim_server.cli")
 _PORTS = ("", "image-", "groundtruth-", "wireless-", "comserver-", "truth-")
 _MOST_ROBOTS = 32
 _PATIENCE = 10.0

@@ -8,13 +8,13 @@ import os
 import secrets
 import signal
 import socket
-import sys
 import tempfile
 from asyncio.subprocess import DEVNULL, PIPE, Process
 from collections import deque
 from collections.abc import AsyncIterator, Mapping, Sequence
 from pathlib import Path
 
+from usarsim_server.children import python
 from usarsim_server.errors import UsarsimError, at
 from usarsim_server.files import reason
 
@@ -30,15 +30,6 @@ _PORTS = {
 _PATIENCE = 120.0  # s of wall time that a server has to begin; a map may have to be imported
 _LAST = 12  # lines of a child that are shown when it has died
 _END = 0.6  # s that a child has to end by itself
-
-TIED = (
-    "import ctypes, os, sys\n"
-    "try: ctypes.CDLL(None).prctl(1, 15)\n"
-    "except (OSError, AttributeError): pass\n"
-    "os.execv(sys.executable, [sys.executable, *sys.argv[1:]])\n"
-)
-"""A Python program that becomes the one in its arguments, which ends with us, however we end
-(prctl(2), PR_SET_PDEATHSIG)."""
 
 
 class Child:
@@ -198,7 +189,7 @@ async def running(*more: str, usual_ports: bool = True) -> AsyncIterator[Program
 
 
 async def _start(name: str, module: str, *words: str) -> Child:
-    command = [sys.executable, "-c", TIED, "-m", module, *words]
+    command = python("-m", module, *words, tied=True)
     # Ctrl-C is for us: children end when we say so, and the console first.
     process = await asyncio.create_subprocess_exec(
         *command, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, start_new_session=True

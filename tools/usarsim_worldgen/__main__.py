@@ -13,6 +13,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from usarsim_server.children import python
 from usarsim_worldgen import GENERATORS, differences, files
 
 _ROOT = Path(__file__).resolve().parents[2]
@@ -54,7 +55,7 @@ def _write(name: str, directory: Path) -> None:
 
 
 def _draw(name: str, picture: Path) -> int:
-    program = [sys.executable, "-m", "usarsim_server.worlds.scene", name, str(picture)]
+    program = python("-m", "usarsim_server.worlds.scene", name, str(picture))
     environment = {"MUJOCO_GL": "egl", **os.environ}
     return subprocess.run(program, env=environment, check=False).returncode
 

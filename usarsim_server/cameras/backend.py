@@ -10,7 +10,6 @@ from __future__ import annotations
 import functools
 import os
 import subprocess
-import sys
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.view import Eye
+from usarsim_server.children import python
 from usarsim_server.logs import Log
 
 NEAR = 0.12
@@ -172,7 +172,7 @@ def _verdict(platform: str) -> str | None:
     environment = {**os.environ, "MUJOCO_GL": "disable", "PYOPENGL_PLATFORM": platform}
     try:
         answer = subprocess.run(
-            [sys.executable, "-c", _TRIAL, platform],
+            python("-c", _TRIAL, platform),
             capture_output=True,
             text=True,
             timeout=_TIMEOUT,

@@ -33,6 +33,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, TextIO
 
+from usarsim_server.children import python
 from usarsim_server.errors import UsarsimError, problem_and_advice
 from usarsim_server.settings import Settings
 
@@ -79,7 +80,7 @@ def _one_process(
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
     try:
         ended = subprocess.run(
-            [sys.executable, "-m", worker],
+            python("-m", worker),
             input=pickle.dumps((tuple(names), settings)),
             capture_output=True,
             timeout=timeout,

@@ -16,13 +16,13 @@ import contextlib
 import re
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Self
 
 from usarsim_server.app import Assembly, assemble
+from usarsim_server.children import python
 from usarsim_server.options import OPTIONS
 from usarsim_server.protocol.grammar import LineFramer, parse_line
 from usarsim_server.services.listener import Endpoint
@@ -342,7 +342,7 @@ class ServerProcess(Closing):
             RuntimeError: if it does not become ready; with what it said.
         """
         ports = [f"--{key.replace('_', '-')}=off" for key in SIDE_PORTS] + ["--port=0"]
-        command = [sys.executable, "-m", "usarsim_server", "serve", *ports, *arguments]
+        command = python("-m", "usarsim_server", "serve", *ports, *arguments)
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )

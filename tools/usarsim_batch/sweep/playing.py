@@ -20,6 +20,7 @@ from usarsim_batch.sweep.plan import PLACE, SweepTask
 from usarsim_batch.tasks import Played, failed, provenance
 from usarsim_client.inbox import HangupError
 from usarsim_client.scene import LiveScene, connect_scene
+from usarsim_server.children import python
 from usarsim_server.files import reason
 
 RESULT = "result.json"
@@ -91,7 +92,7 @@ async def _play(task: SweepTask) -> dict[str, Any]:
 
 async def _serve(task: SweepTask, stack: AsyncExitStack) -> tuple[Process, dict[str, int]]:
     """A server that is ready, and its ports by service."""
-    command = [sys.executable, "-m", "usarsim_server", "serve", f"--host={HOST}", *task.options]
+    command = python("-m", "usarsim_server", "serve", f"--host={HOST}", *task.options)
     server = await _start(command, task.folder, task.out / "server.log", stack, PIPE)
     assert server.stdout is not None
     try:

@@ -22,6 +22,7 @@ from usarsim_bench.hostile.links import Damage, Site, work
 from usarsim_bench.hostile.scene_attacks import SCENE_ATTACKS
 from usarsim_bench.hostile.side_attacks import SIDE_ATTACKS
 from usarsim_bench.server import BenchError, CarefulClosing
+from usarsim_server.children import python
 
 ATTACKS: Mapping[str, Attack] = {
     one.name: one for one in (*CONTROL_ATTACKS, *SIDE_ATTACKS, *SCENE_ATTACKS)
@@ -38,7 +39,7 @@ class Attackers(CarefulClosing):
     def __init__(self, name: str, ports: Mapping[str, int]) -> None:
         """Let one attack loose on the ports of a server, by the names of its READY line."""
         self._process = subprocess.Popen(
-            [sys.executable, "-m", __name__, name, json.dumps(dict(ports))],
+            python("-m", __name__, name, json.dumps(dict(ports))),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -95,7 +96,7 @@ def _main(name: str, ports: Mapping[str, int]) -> None:
 def _busy_loop() -> subprocess.Popen[bytes]:
     """A program that needs a processor, and ends with this one."""
     code = f"import os\nwhile os.getppid() == {os.getpid()}:\n for _ in range(100000): pass"
-    return subprocess.Popen([sys.executable, "-S", "-c", code])
+    return subprocess.Popen(python("-S", "-c", code))
 
 
 if __name__ == "__main__":

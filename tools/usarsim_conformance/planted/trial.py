@@ -22,6 +22,7 @@ from usarsim_conformance.planted.faults import Edit, Fault
 from usarsim_conformance.registry import Failed, Result, Verdict, all_checks
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.survey import Target
+from usarsim_server.children import safe_pool
 
 _DATA = "usarsim_server/files.py"
 """Finds robots and worlds from where it lies, so it is copied and not linked."""
@@ -150,7 +151,7 @@ def try_faults(
     for fault in faults:
         benches.setdefault((fault.robot, fault.dialect), set()).update(fault.notices)
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs or os.cpu_count() or 1, mp_context=context) as pool:
+    with safe_pool(), ProcessPoolExecutor(jobs or os.cpu_count() or 1, mp_context=context) as pool:
         works = [pool.submit(_healthy, bench, sorted(ids)) for bench, ids in benches.items()]
         works += [pool.submit(_planted, fault) for fault in faults]
         for work in as_completed(works):

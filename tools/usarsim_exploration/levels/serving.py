@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import resource
 import subprocess
-import sys
 import tempfile
 import threading
 from collections import deque
@@ -17,7 +16,7 @@ from usarsim_exploration.radio.families.path_loss import PathLoss
 from usarsim_exploration.radio.families.ranges import Circle, Sight
 from usarsim_exploration.worlds import World
 from usarsim_exploration.worlds.physics import write_world
-from usarsim_operator.programs import TIED
+from usarsim_server.children import python
 from usarsim_server.toml import toml_text
 
 ROBOTS = Path(__file__).parent / "robots"
@@ -62,7 +61,7 @@ class OwnServer:
                 "--lockstep-patience=0",
             ]  # fmt: skip
             self._process = subprocess.Popen(
-                [sys.executable, "-c", TIED, "-m", "usarsim_server", "serve", *words],
+                python("-m", "usarsim_server", "serve", *words, tied=True),
                 stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                 text=True, start_new_session=True,
             )  # fmt: skip

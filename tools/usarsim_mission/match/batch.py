@@ -26,7 +26,7 @@ from usarsim_mission.match.report import REPORT, write_report
 from usarsim_mission.plan import Plan
 from usarsim_mission.rescoring import live_result
 from usarsim_mission.runlog import EVENTS, SCORE
-from usarsim_operator.programs import TIED
+from usarsim_server.children import python
 from usarsim_server.errors import UsarsimError, at
 from usarsim_server.files import reason
 
@@ -115,7 +115,7 @@ class Batch:
         """The exit code of a run and its last lines; if we are to end, it ends first."""
         words = ["mission", "run", *job.words, f"--out={job.folder}"]
         process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-c", TIED, "-m", "usarsim_server", *words),
+            *python("-m", "usarsim_server", *words, tied=True),
             stdin=DEVNULL,
             stdout=PIPE,
             stderr=STDOUT,

@@ -19,6 +19,7 @@ from statistics import fmean
 
 from usarsim_mission.scenario.reader import read_scenario
 from usarsim_mission.scenario.resolving import stage
+from usarsim_server.children import safe_pool
 from usarsim_study.assignment import Cell, Order
 from usarsim_study.forms import FormState
 from usarsim_study.layouts import mission_file
@@ -114,7 +115,7 @@ def drive_all(plan: Plan, participants: int, jobs: int) -> list[Driven]:
     work = [(plan, number) for number in range(1, participants + 1)]
     if jobs == 1:
         return [one for job in work for one in drive(job)]
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+    with safe_pool(), multiprocessing.get_context("spawn").Pool(jobs) as pool:
         return [one for rows in pool.imap(drive, work) for one in rows]
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import importlib.util
 import json
 import math
-import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,6 +26,7 @@ from usarsim_maps.meshes.polygons import MAX_TRIANGLES, check_count
 from usarsim_maps.reader import PACKAGES, need
 from usarsim_maps.scene import Array, Integers
 from usarsim_maps.units import affine
+from usarsim_server.children import python
 from usarsim_server.errors import MapImportError, at
 
 MAX_BYTES = 512 << 20
@@ -186,7 +186,7 @@ def _answer(source: Path, content: bytes) -> bytes:
         "triangles": MAX_TRIANGLES,
     }
     folder = str(Path(found.origin).parent.parent)
-    command = [sys.executable, "-I", "-S", str(CHILD), folder, json.dumps(limits)]
+    command = python("-I", "-S", str(CHILD), folder, json.dumps(limits))
     with tempfile.TemporaryFile() as file:  # nothing is left of it, whatever happens
         run_apart(command, source, "FBX", CURE, len(content), given=content, answer=file)
         check_size(source, file.seek(0, 2), MAX_ANSWER)

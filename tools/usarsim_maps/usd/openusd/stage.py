@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-import sys
 import zipfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -18,6 +17,7 @@ from usarsim_maps.files import MAX_BYTES, check_size, read_bytes, read_head
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import Context
 from usarsim_maps.usd.schemas import STAGES
+from usarsim_server.children import python
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, is_regular
 
@@ -79,7 +79,7 @@ def try_out(source: Path, context: Context) -> None:
     if not binary and b"@" not in read_bytes(source):
         return
     folders = context.options.assets
-    command = [sys.executable, str(TRIAL), str(source), *map(str, folders)]
+    command = python(str(TRIAL), str(source), *map(str, folders))
     cure = "the file is damaged; export it again, or as .usda"
     done = run_apart(command, source, "USD", cure, source.stat().st_size)
     try:
