@@ -23,6 +23,7 @@ from usarsim_server.protocol.comserver import (
     Open,
     Register,
 )
+from usarsim_server.protocol.opening import Opening
 from usarsim_server.protocol.values import name_key
 from usarsim_server.radio.event_log import Event
 from usarsim_server.radio.network import Network
@@ -42,7 +43,7 @@ from usarsim_server.services.limits import (
     raise_descriptor_limit,
 )
 from usarsim_server.services.listener import Endpoint
-from usarsim_server.services.port import Guest, PortLimits, PortService
+from usarsim_server.services.port import Guest, PortLimits, PortService, refuse
 from usarsim_server.services.relay import (
     KERNEL_BUFFER,
     RadioWatch,
@@ -159,8 +160,12 @@ class ComServerService(PortService[ComServerLimits]):
         address = client.getpeername()[0]
         framer, replies, allowance = MessageFramer(), ReplyBuffer(client), self._rates.newcomer()
         introduced: set[str] = set()
+        opening = Opening()
         guest.standing = lambda: not introduced.isdisjoint(self._owners())
         while chunk := await loop.sock_recv(client, CHUNK):
+            if foreign := opening.foreign(chunk):
+                refuse(self._log, foreign)
+                return
             await budget.turn(account)
             with budget.work(account):
                 messages = framer.feed(chunk)

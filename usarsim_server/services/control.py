@@ -30,6 +30,7 @@ from usarsim_server.protocol.grammar import (
     LineFramer,
     parse_line,
 )
+from usarsim_server.protocol.opening import Opening
 from usarsim_server.services.budget import WorkBudget, whole_share
 from usarsim_server.services.limits import (
     COMMAND_WORK,
@@ -39,7 +40,7 @@ from usarsim_server.services.limits import (
     work_cost,
 )
 from usarsim_server.services.listener import hung_up
-from usarsim_server.services.port import Guest, PortLimits, PortService
+from usarsim_server.services.port import Guest, PortLimits, PortService, refuse
 from usarsim_server.services.reading import ChunkReader
 from usarsim_server.services.replies import LoopCalls
 from usarsim_server.sessions.outbox import Outbox, OutboxLimits
@@ -252,8 +253,11 @@ class _Connection:
             self._ended.set_result(reason)
 
     async def _read(self, session: Session, heard: Callable[[], None]) -> None:
-        framer = LineFramer(self._limits.max_line)
+        framer, opening = LineFramer(self._limits.max_line), Opening()
         while chunk := await self._receive():
+            if foreign := opening.foreign(chunk):
+                refuse(self._log, foreign)
+                break
             begun = time.thread_time()
             discarded = framer.discarded
             lines = framer.feed(chunk)

@@ -20,6 +20,7 @@ from typing import Any, Protocol
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
 from usarsim_server.protocol.grammar import LineFramer
+from usarsim_server.protocol.opening import Opening
 from usarsim_server.protocol.truth import MAX_LISTING, QueryFramer
 from usarsim_server.services.budget import (
     BYTE_COST,
@@ -30,7 +31,7 @@ from usarsim_server.services.budget import (
 )
 from usarsim_server.services.limits import Clock, input_cost
 from usarsim_server.services.listener import Endpoint
-from usarsim_server.services.port import Guest, PortLimits, PortService
+from usarsim_server.services.port import Guest, PortLimits, PortService, refuse
 from usarsim_server.services.replies import PIECE, ReplyBuffer
 
 CHUNK = 2048
@@ -294,10 +295,13 @@ class DialogueService(PortService[DialogueLimits]):
     async def _converse(self, client: socket.socket, guest: Guest, log: Log) -> None:
         loop = asyncio.get_running_loop()
         budget = self._desk.budget
-        framer, discarded = self._framer(), 0
+        framer, discarded, opening = self._framer(), 0, Opening()
         account, allowance = budget.newcomer(), self._rates.newcomer()
         replies = ReplyBuffer(client)
         while chunk := await loop.sock_recv(client, CHUNK):
+            if foreign := opening.foreign(chunk):
+                refuse(log, foreign)
+                return
             await budget.turn(account)
             with budget.work(account):
                 lines = framer.feed(chunk)

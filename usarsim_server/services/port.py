@@ -52,6 +52,13 @@ _SWEEPS = 8
 """Looks at everybody in the time after which a guest is idle."""
 
 
+def refuse(log: Log, foreign: str) -> None:
+    """Tell in the log why a connection is closed whose first line is of HTTP or TLS."""
+    log.warning(
+        f"connection closed: a client speaks {foreign} to a port of USARSim's text protocol"
+    )
+
+
 def _nobody() -> bool:
     return False
 

@@ -19,6 +19,7 @@ from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
 from usarsim_server.protocol import wireless
 from usarsim_server.protocol.grammar import LineFramer
+from usarsim_server.protocol.opening import Opening
 from usarsim_server.protocol.values import name_key
 from usarsim_server.protocol.wireless import Reason, Request
 from usarsim_server.radio.event_log import Event
@@ -43,7 +44,7 @@ from usarsim_server.services.limits import (
     raise_descriptor_limit,
 )
 from usarsim_server.services.listener import Endpoint
-from usarsim_server.services.port import Guest, PortService
+from usarsim_server.services.port import Guest, PortService, refuse
 from usarsim_server.services.relay import LinkOptions, RadioWatch, Traffic, cancel_all
 from usarsim_server.services.relay_port import RelayPort
 from usarsim_server.services.replies import PIECE, ReplyBuffer
@@ -180,8 +181,11 @@ class WirelessService(PortService[WirelessLimits]):
     async def _converse(self, client: socket.socket, talk: _Talk, guest: Guest, log: Log) -> None:
         loop, budget, account = asyncio.get_running_loop(), self._desk.budget, talk.account
         framer, replies = LineFramer(wireless.MAX_LINE), ReplyBuffer(client)
-        allowance = self._rates.newcomer()
+        allowance, opening = self._rates.newcomer(), Opening()
         while chunk := await loop.sock_recv(client, CHUNK):
+            if foreign := opening.foreign(chunk):
+                refuse(log, foreign)
+                return
             await budget.turn(account)
             with budget.work(account):
                 lines = framer.feed(chunk)
