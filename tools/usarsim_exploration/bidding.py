@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell
-from usarsim_exploration.frontiers import Frontier
-from usarsim_exploration.known_map import FREE, KNOWN, WALL
+from usarsim_exploration.frontiers import Frontier, leftovers, passages
+from usarsim_exploration.known_map import FREE, KNOWN, SAFE, WALL
 from usarsim_exploration.planning import Field, Path
-from usarsim_exploration.strategy import View
+from usarsim_exploration.strategy import BASE, View
 
 CONSIDERED = 6
 """The best so many frontiers are bid for (reference 2)."""
@@ -128,7 +128,21 @@ class Bidding:
     def aims(
         self, view: View, frontiers: list[Frontier], considered: int = CONSIDERED
     ) -> list[Aim]:
-        """Those worth a bid: the best by size over straight distance of all that can be reached."""
+        """Those worth a bid: the best by size over straight distance of all that can be reached.
+
+        Where none can, those of one and two cells, if the rules of the run have them: first those
+        of passages; those beside wide space, where as a rule a wall has not been seen whole, only
+        when the base lacks nothing that the robot could bring it.
+        """
+        found = self._reached(view, frontiers)
+        if not found and view.rules.narrow:
+            found = self._reached(view, passages(view.known))
+            if not found and (BASE in view.linked or not view.known.undelivered):
+                found = self._reached(view, leftovers(view.known))
+        return found[:considered]
+
+    def _reached(self, view: View, frontiers: list[Frontier]) -> list[Aim]:
+        """Frontiers that can be reached, the best by size over straight distance first."""
         here = view.planner.field(view.cell)
         found = []
         for one in frontiers:
@@ -143,7 +157,7 @@ class Bidding:
                 / max(float(np.hypot(aim.cell[0] - column, aim.cell[1] - row)), 1.0)
             )
         )
-        return found[:considered]
+        return found
 
     def _goal(self, here: Field, one: Frontier) -> Cell | None:
         """The centre of a frontier, or the nearest cell to it that can be driven to."""
@@ -208,7 +222,10 @@ def _away_from_the_unknown(view: View) -> Cell | None:
     rows, columns = bits.shape
     column, row = view.cell
     top, left = max(row - 1, 0), max(column - 1, 0)
-    unknown = np.argwhere(bits[top : row + 2, left : column + 2] & KNOWN == 0)
+    around = bits[top : row + 2, left : column + 2]
+    unknown = np.argwhere(around & KNOWN == 0)
+    if not len(unknown):
+        unknown = np.argwhere(around & (WALL | SAFE) == WALL)
     if not len(unknown):
         return None
     down, right = unknown.mean(axis=0) + np.array([top - row, left - column])

@@ -19,9 +19,11 @@ from usarsim_exploration.exchange import Exchange
 from usarsim_exploration.kernels import count_first
 from usarsim_exploration.known_map import FREE, WALL, KnownMap
 from usarsim_exploration.levels.grid import GridLevel, Level
+from usarsim_exploration.localisation.evidence import Evidence
 from usarsim_exploration.messages import letter_size
 from usarsim_exploration.planning import Floods, Planner
 from usarsim_exploration.radio import Links, Radio, RadioEstimate
+from usarsim_exploration.rules import TODAY, RunRules
 from usarsim_exploration.sensing import Scanner
 from usarsim_exploration.strategy import BASE as BASE
 from usarsim_exploration.strategy import Letter, Plan, Role, Strategy, Teammate, View
@@ -61,6 +63,8 @@ class Body:
         first: how many of these nobody knew. base_step: newest step of the base that it has heard
             of. works: it has not failed. state, goal, home: of its plan. moves: cells that it drove
             to in this step, and the one that it tried in vain.
+        silent: its radio is out. heard_again: only for some time.
+        evidence: what its scans say of walls, where they have noise.
     """
 
     member: Member
@@ -75,6 +79,8 @@ class Body:
     works: bool = True
     asleep: bool = False
     silent: bool = False
+    heard_again: bool = False
+    evidence: Evidence | None = None
     state: str = "start"
     goal: Cell | None = None
     home: bool = False
@@ -100,6 +106,7 @@ class Cycle:
         level: moves robots, makes scans, finds links.
         links: of the last step. step: how many were made.
         messages: what is told, and how much.
+        rules: of the run. changes: how often walls moved.
         begin: told what begins, `plan`, `sense` or `communicate`, for whoever takes times.
     """
 
@@ -109,7 +116,9 @@ class Cycle:
     messages: Exchange
     links_before: bool = False
     level: Level = field(default_factory=GridLevel)
+    rules: RunRules = TODAY
     step: int = 0
+    changes: int = 0
     begin: Callable[[str], None] = lambda phase: None
     links: Links = field(init=False)
     _team: NDArray[np.uint8] = field(init=False)
@@ -194,17 +203,19 @@ def set_up(
     links_before: bool = False,
     level: Level | None = None,
     late: Collection[int] = (),
+    rules: RunRules = TODAY,
 ) -> Cycle:
     """A run at its start.
 
     Args:
         strategy: a pattern, which each robot gets a copy of. level: default the grid.
-        late: numbers of robots that stand switched off at first.
+        late: numbers of robots that stand switched off at first. rules: of the run.
     """
     seeds = np.random.SeedSequence(seed).spawn(2 * len(team) + 1)
     thinking, losing, noise = seeds[: len(team)], seeds[len(team)], seeds[len(team) + 1 :]
     scanners: dict[tuple[int, float], Scanner] = {}
     bodies, floods = [], Floods()
+    wary = any(member.noise for member in team)
     maps = np.zeros((len(team), *environment.shape), np.uint8)
     for number, member in enumerate(team):
         known = KnownMap(environment.shape, maps[number])
@@ -213,7 +224,7 @@ def set_up(
             number, member.name, member.role, member.parent, member.child, member.speed,
             member.reach, team[BASE].cell, member.cell, member.heading, known,
             Planner(known, floods=floods),
-            estimate, np.random.Generator(np.random.PCG64(thinking[number])),
+            estimate, np.random.Generator(np.random.PCG64(thinking[number])), rules=rules,
         )  # fmt: skip
         for other, one in enumerate(team):
             if other != number:
@@ -222,13 +233,17 @@ def set_up(
         if member.reach:
             key = member.reach, member.view
             if key not in scanners:
-                scanners[key] = Scanner(environment, member.reach, view=member.view)
+                scanners[key] = Scanner(
+                    environment, member.reach, view=member.view, tight=rules.sight, wary=wary
+                )
             scanner = scanners[key]
         mind = copy.deepcopy(strategy) if number != BASE else None
         random = np.random.Generator(np.random.PCG64(noise[number]))
         off = number in late
         bodies.append(Body(member, view, mind, scanner, random, works=not off, asleep=off))
+        if member.noise and rules.sight:
+            bodies[-1].evidence = Evidence(environment.shape, member.noise)
     lost = np.random.Generator(np.random.PCG64(losing))
     level = level or GridLevel()
-    messages = Exchange(radio, maps, lost, level.carry)
-    return Cycle(environment, bodies, radio, messages, links_before, level)
+    messages = Exchange(radio, maps, lost, level.carry, fair=rules.ends)
+    return Cycle(environment, bodies, radio, messages, links_before, level, rules)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from usarsim_exploration.cycle import BASE, Body, Cycle
+from usarsim_exploration.events import Fate
 from usarsim_exploration.history import Recorder
 from usarsim_server.fields import field
 
@@ -33,17 +34,29 @@ class End:
         default=True, help="when all robots that work have nothing more to find and are home"
     )
 
-    def reason(self, cycle: Cycle, recorder: Recorder) -> Reason | None:
-        """Why a run ends now; None: it goes on."""
-        goal = recorder.reachable if self.of == "reachable" else recorder.free
-        if self.base is not None and 100 * recorder.free_base >= self.base * goal:
+    events: bool = field(
+        default=False,
+        help="neither of these two ends a run while an event to come opens more of the world",
+    )
+
+    def reason(self, cycle: Cycle, recorder: Recorder, fate: Fate) -> Reason | None:
+        """Why a run ends now; None: it goes on. fate: knows what is to come."""
+        if self.of == "reachable":
+            known, goal = recorder.known_base, recorder.reachable
+        else:
+            known, goal = recorder.free_base, recorder.free
+        waits = self.events and bool(fate.opening(cycle))
+        if self.base is not None and 100 * known >= self.base * goal and not waits:
             return "base knows"
         working = [one for one in cycle.bodies if one.works and one is not cycle.bodies[BASE]]
         asleep = any(one.asleep for one in cycle.bodies)
         if not working and not asleep:
             return "all lost"
-        if self.home and not asleep and all(_is_home(one) for one in working):
-            return "all home"
+        if self.home and not asleep and not waits and all(map(_is_home, working)):
+            settled = all(not one.moves and not one.found for one in working)
+            pending = cycle.messages.pending(cycle.bodies, cycle.links)
+            if not cycle.rules.ends or (settled and not pending):
+                return "all home"
         return "steps" if cycle.step >= self.steps else None
 
 

@@ -6,10 +6,12 @@ find out by their scanners, by a move that is blocked, or by silence (reference 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
-from usarsim_exploration.cycle import Cycle
+import numpy as np
+
+from usarsim_exploration.cycle import BASE, Cycle
 from usarsim_exploration.environment import Environment
 from usarsim_server.fields import field
 from usarsim_server.tables import Table
@@ -137,15 +139,33 @@ class Fate:
             if body.works and body.distance >= last:
                 body.works = False
                 told.append(f"empty {body.member.name}")
-        out = {event.number for _, event in self._outages}
         for number, body in enumerate(cycle.bodies):
-            body.silent = number in out or 0 in out  # 0: all
+            out = [until for until, event in self._outages if event.number in (0, number)]  # 0: all
+            body.silent, body.heard_again = bool(out), bool(out) and -1 not in out
         return told
+
+    def opening(self, cycle: Cycle) -> list[Event]:
+        """Events to come after which more can be reached from the base than now."""
+        left = [one for one in self._events[self._next :] if one.kind in ("close", "open")]
+        if not any(one.kind == "open" for one in left):
+            return []
+        base = cycle.bodies[BASE].view.base
+        world = replace(cycle.environment, walls=cycle.environment.walls.copy())
+        most, found = np.count_nonzero(world.reachable(base)), []
+        for event in left:
+            change(world, event)
+            world.walls[base[1], base[0]] = 0
+            reached = np.count_nonzero(world.reachable(base))
+            if event.kind == "open" and reached > most:
+                most = reached
+                found.append(event)
+        return found
 
     @staticmethod
     def _move_walls(cycle: Cycle, event: Event) -> None:
         """Cells under robots stay free: doors do not crush anybody."""
         change(cycle.environment, event)
+        cycle.changes += 1
         for body in cycle.bodies:
             column, row = body.view.cell
             cycle.environment.walls[row, column] = 0

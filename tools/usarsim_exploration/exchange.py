@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Environment
 from usarsim_exploration.kernels import agree, tell
-from usarsim_exploration.known_map import MERGED
+from usarsim_exploration.known_map import KNOWN, MERGED
 from usarsim_exploration.messages import ENTRY, HEAD, RUN
 from usarsim_exploration.post import Carry, Post
 from usarsim_exploration.radio import Links, Radio
@@ -23,6 +23,10 @@ from usarsim_exploration.strategy import BASE, Letter, Teammate
 
 if TYPE_CHECKING:
     from usarsim_exploration.cycle import Body
+
+
+PATIENCE = 100
+"""Steps without news after which links are taken to carry none: they are too narrow or too bad."""
 
 
 class Exchange:
@@ -39,11 +43,13 @@ class Exchange:
         maps: NDArray[np.uint8],
         random: np.random.Generator,
         carry: Carry | None = None,
+        *,
+        fair: bool = True,
     ) -> None:
         """maps: (robots, rows, columns) of all, the base first. random: of frames that get lost.
 
         carry: brings messages over real links, hop by hop; None: everybody knows at once what
-        anybody of a chain knows.
+        anybody of a chain knows. fair: see `Post`.
         """
         self._radio = radio
         count = len(maps)
@@ -51,9 +57,10 @@ class Exchange:
         self._synced = np.full((count, count), -1, np.int64)
         self._post = None
         if radio.shaped or carry is not None:
-            self._post = Post(radio.bandwidth, radio.latency, random, carry)
+            self._post = Post(radio.bandwidth, radio.latency, random, carry, fair=fair)
         self.cells_sent = self.bytes_sent = 0
         self.sent = np.zeros(count, np.int64)
+        self._version, self._step, self._learnt = -1, 0, 0
 
     def trade(
         self, step: int, bodies: Sequence[Body], links: Links, environment: Environment
@@ -86,10 +93,35 @@ class Exchange:
             for group in groups:
                 self._trade_maps(step, [bodies[number] for number in group])
                 self._trade_news(step, [bodies[number] for number in group], letters)
+        self._step = step
+        if bodies[BASE].view.known.version != self._version:
+            self._version, self._learnt = bodies[BASE].view.known.version, step
         for number in letters:
             strategy = bodies[number].strategy
             if strategy is not None:
                 strategy.hear(bodies[number].view)
+
+    def pending(self, bodies: Sequence[Body], links: Links) -> bool:
+        """Whether the base will hear more though nobody moves.
+
+        Robots that are linked with it know what it does not, and it has learnt something lately; or
+        radios are out that will be on again.
+        """
+        base = bodies[BASE].view.known.bits
+        linked = links.closed[BASE]
+        for number, body in enumerate(bodies):
+            if number == BASE or not body.works:
+                continue
+            later = body.heard_again or bodies[BASE].heard_again
+            if not (linked[number] or later):
+                continue
+            if ((body.view.known.bits & KNOWN != 0) & (base & KNOWN == 0)).any():
+                if later:
+                    return True
+                far = self._radio.latency * links.hops()
+                if self._step - self._learnt <= PATIENCE + far:
+                    return True
+        return self._post is not None and self._post.under_way_to(BASE)
 
     def _trade_maps(self, step: int, group: list[Body]) -> None:
         """Fold the cells that are news to anybody, in the order of numbers (reference 6.4)."""

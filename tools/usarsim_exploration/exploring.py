@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,11 +19,14 @@ from usarsim_exploration.environment import Cell
 from usarsim_exploration.frontiers import Frontier, find_frontiers
 from usarsim_exploration.known_map import KNOWN, SAFE, WALL
 from usarsim_exploration.planning import Field, Path
-from usarsim_exploration.strategy import Letter, Plan, Strategy, View
+from usarsim_exploration.strategy import Letter, Plan, Strategy, Teammate, View, straight
 from usarsim_server.fields import field
 
 NEAR = 4
 """Cells from where a frontier was, within which another one is taken for the same."""
+TOGETHER = 0.5
+"""Steps' ways between two robots that are taken to be in one place: what is equally far for both
+is so for a while, whoever is some cells ahead."""
 
 
 @dataclass
@@ -32,6 +36,9 @@ class Seeker(Strategy):
     Attributes:
         aim: where it drives to; None: nowhere, or home.
     """
+
+    parts: ClassVar[bool] = False
+    """Whether robots with equal ways would choose alike; those in one cell then share out."""
 
     replan: int = field(default=15, low=1, high=10_000, unit="steps", help="between two plans")
     memory: int = field(
@@ -85,8 +92,11 @@ class Seeker(Strategy):
     def pick(self, view: View, frontiers: list[Frontier]) -> Aim | None:
         """The frontier that was aimed at, if it holds against the one to choose now; else that."""
         aims = self._bidding.aims(view, frontiers, self.considered)
-        other = self.choose(view, aims) if aims else None
+        mates = self.companions(view) if self.parts else []
+        other = self.choose(view, self._left(view, aims, mates)) if aims else None
         if other is None or self.aim is None or self.aim in self._bidding.fruitless:
+            return other
+        if any(mate.goal is not None and _same(mate.goal, self.aim) for mate in mates):
             return other
         left = view.planner.field(view.cell).distance(self.aim)
         if 0.0 < left <= 2.0 * other.distance:
@@ -95,6 +105,41 @@ class Seeker(Strategy):
                     return Aim(one, self.aim, left)
         return other
 
+    def guess(self, view: View, aims: Sequence[Aim]) -> Aim | None:
+        """What a companion takes that has not told its goal; None: nothing that is known."""
+        return self.choose(view, aims)
+
+    def beside(self, view: View) -> list[Teammate]:
+        """Explorers that are where this robot is, by number: ways are as long for all of them."""
+        if not view.rules.ties:
+            return []
+        mates = (view.teammates[number] for number in sorted(view.linked))
+        near = TOGETHER * view.speed
+        return [
+            one for one in mates if one.role == "explorer" and straight(one.cell, view.cell) < near
+        ]
+
+    def companions(self, view: View) -> list[Teammate]:
+        """Those of them that choose before this robot."""
+        return [one for one in self.beside(view) if one.number < view.number]
+
+    def _left(self, view: View, aims: list[Aim], mates: Sequence[Teammate]) -> list[Aim]:
+        """Aims that no companion takes; all, if they take all.
+
+        A companion goes where it said that it goes, or takes what this robot would choose: it has
+        the same ways.
+        """
+        left = list(aims)
+        for mate in mates:
+            if not left:
+                left = list(aims)
+            goal = mate.goal
+            held = (one for one in left if goal is not None and _same(goal, one.cell))
+            taken = next(held, None) or self.guess(view, left)
+            if taken is not None:
+                left.remove(taken)
+        return left or list(aims)
+
     def letter(self, view: View) -> Letter:
         """Frontiers that lead nowhere."""
         return self._bidding.letter()
@@ -102,6 +147,11 @@ class Seeker(Strategy):
     def hear(self, view: View) -> None:
         """Frontiers that others know to lead nowhere."""
         self._bidding.hear(view.teammates[number].letter for number in sorted(view.linked))
+
+
+def _same(one: Cell, other: Cell) -> bool:
+    """Whether two cells are near enough to be of one frontier."""
+    return max(abs(one[0] - other[0]), abs(one[1] - other[1])) <= NEAR
 
 
 def go_home(view: View) -> Plan:

@@ -10,6 +10,7 @@ them know 90 % after 185 steps by the first rule and 195 by the second, means of
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,7 +21,11 @@ from usarsim_exploration.known_map import FREE, KNOWN, SAFE, WALL, KnownMap
 
 SMALLEST = 3.0
 """Size below which a frontier is left alone (reference 2)."""
+WIDEST = 3
+"""Cells of a passage that may have no frontier of that size."""
 _AROUND = np.ones((3, 3), np.uint8)
+_BY_THE_WALL = np.ones((5, 5), np.uint8)
+_BESIDE = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,10 +57,42 @@ def find_frontiers(
     """
     bits = known.bits
     free = bits & (FREE | WALL) == FREE
-    unknown = (bits & KNOWN == 0).view(np.uint8)
-    near = cv2.dilate(unknown, _AROUND, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    beside = np.asarray(near, np.uint8).view(np.bool_)
+    beside = _near(bits & KNOWN == 0, _AROUND)
     mask = free & (beside | (bits & SAFE == 0)) if uncertain else free & beside
+    return _traced(mask, beside, smallest)
+
+
+def passages(known: KnownMap) -> list[Frontier]:
+    """Frontiers of any size in passages of three cells or fewer, as `find_frontiers` has them.
+
+    A robot may drive straight on from there into what is unknown, or taken for a wall only because
+    it is behind one: in passages that is often the next bend.
+    """
+    bits = known.bits
+    free = bits & (FREE | WALL) == FREE
+    square = np.ones((WIDEST + 1, WIDEST + 1), np.uint8)
+    wide = np.asarray(cv2.morphologyEx(free.view(np.uint8), cv2.MORPH_OPEN, square), np.uint8)
+    doubtful = (bits & KNOWN == 0) | (bits & (WALL | SAFE) == WALL)
+    mask = free & _near(doubtful, _BESIDE) & ~_near(wide != 0, _BY_THE_WALL)
+    return _traced(mask, mask, 0.0)
+
+
+def leftovers(known: KnownMap) -> list[Frontier]:
+    """Frontiers of any size, anywhere, from where a robot may drive straight into the unknown."""
+    bits = known.bits
+    mask = (bits & (FREE | WALL) == FREE) & _near(bits & KNOWN == 0, _BESIDE)
+    return _traced(mask, mask, 0.0)
+
+
+def _near(cells: NDArray[np.bool_], shape: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """What is within a shape around cells."""
+    near = cv2.dilate(cells.view(np.uint8), shape, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    return np.asarray(near, np.uint8).view(np.bool_)
+
+
+def _traced(mask: NDArray[np.bool_], beside: NDArray[np.bool_], smallest: float) -> list[Frontier]:
+    """Frontiers of the cells of a mask; `beside` are those that touch the unknown."""
+    outlines: Any
     outlines, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     kept, sizes = [], []
     for traced in outlines:
@@ -63,7 +100,7 @@ def find_frontiers(
         size = float(cv2.contourArea(traced) + length)
         if size >= smallest:
             kept.append(traced)
-            sizes.append(size)
+            sizes.append(max(size, 1.0))
     if not kept:
         return []
     cells = np.concatenate(kept)[:, 0, :].astype(np.int64)  # of all at once: there may be many

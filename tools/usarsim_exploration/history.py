@@ -36,9 +36,11 @@ class History:
 
     Attributes:
         names: of the bodies, the base first.
-        free: cells of the world that are free.
-        reachable: of these, how many the base can be reached from.
+        free: cells of the world that are free, by step, for doors move. reachable: of these, how
+            many the base can be reached from.
         free_team, free_base: cells, truly free, that anybody has ever known, or the base knows.
+        known_team, known_base: of these, those that count for shares of the reachable ones.
+        by_rules: number of the rules of the run.
         cells_sent, bytes_sent: entries of maps, and bytes of all messages, so far.
         cell: (rows, bodies, 2) where each was. heading: rad. distance: driven so far.
         found, first: cells that the scans of the step found, and of these what nobody knew.
@@ -57,10 +59,13 @@ class History:
     """
 
     names: tuple[str, ...]
-    free: int
-    reachable: int
+    by_rules: int
+    free: Counts
+    reachable: Counts
     free_team: Counts
     free_base: Counts
+    known_team: Counts
+    known_base: Counts
     cells_sent: Counts
     bytes_sent: Counts
     cell: Counts
@@ -167,14 +172,13 @@ class Recorder:
     def __init__(self, cycle: Cycle) -> None:
         """The start is noted at once; call `note` after each `advance`."""
         self._cycle = cycle
-        world = cycle.environment
-        self._truth = world.walls == 0
-        self._team = np.zeros(world.shape, np.bool_)
-        self._versions = [-1] * len(cycle.bodies)
+        self._team = np.zeros(cycle.environment.shape, np.bool_)
         self._area = [0] * len(cycle.bodies)
+        self._known = [0] * len(cycle.bodies)
+        self._changes = cycle.changes
+        self._survey()
         self._cells = [body.view.cell for body in cycle.bodies]
         self._idleness = Idleness(len(cycle.bodies))
-        self._reachable = int(np.count_nonzero(world.reachable(cycle.bodies[BASE].view.base)))
         self._rows: list[tuple[int, ...]] = []
         self._bodies: list[list[tuple[object, ...]]] = []
         self._links: list[Counts] = []
@@ -183,40 +187,71 @@ class Recorder:
     @property
     def free(self) -> int:
         """Free cells of the world."""
-        return self._cycle.environment.free
+        if not self._cycle.rules.shares:  # counted when it was first asked for
+            return self._cycle.environment.free
+        return self._rows[-1][0]
 
     @property
     def reachable(self) -> int:
         """Of these, those that the base can be reached from."""
-        return self._reachable
+        return self._rows[-1][1]
 
     @property
     def free_team(self) -> int:
         """Truly free cells that anybody has known so far."""
-        return self._rows[-1][0]
+        return self._rows[-1][2]
 
     @property
     def free_base(self) -> int:
         """Truly free cells that the base knows."""
-        return self._rows[-1][1]
+        return self._rows[-1][3]
 
     @property
-    def areas(self) -> tuple[int, ...]:
-        """Truly free cells that each knows, the base first."""
-        return tuple(self._area)
+    def known_team(self) -> int:
+        """Of those of the team, what counts for its share of the reachable cells."""
+        return self._rows[-1][4]
+
+    @property
+    def known_base(self) -> int:
+        """The same of the base."""
+        return self._rows[-1][5]
+
+    @property
+    def known(self) -> tuple[int, ...]:
+        """The same of each, the base first."""
+        return tuple(self._known)
+
+    def _survey(self) -> None:
+        """Find out what is free and reachable now; all maps are judged anew."""
+        world, base = self._cycle.environment, self._cycle.bodies[BASE].view.base
+        self._truth = world.walls == 0
+        reachable = world.reachable(base)
+        self._free, self._reachable = (
+            int(np.count_nonzero(cells)) for cells in (self._truth, reachable)
+        )
+        self._counted = reachable if self._cycle.rules.shares else self._truth
+        self._versions = [-1] * len(self._cycle.bodies)
 
     def note(self) -> None:
         """Note the state after a step."""
         cycle = self._cycle
+        if cycle.changes != self._changes and cycle.rules.shares:
+            self._changes = cycle.changes
+            self._survey()
         for number, body in enumerate(cycle.bodies):
             known = body.view.known
             if known.version != self._versions[number]:
                 self._versions[number] = known.version
                 seen = (known.bits & FREE).view(np.bool_) & self._truth  # FREE is 1
                 self._area[number] = int(np.count_nonzero(seen))
+                self._known[number] = int(np.count_nonzero(seen & self._counted))
                 self._team |= seen
-        team = int(np.count_nonzero(self._team))
-        self._rows.append((team, self._area[BASE], cycle.cells_sent, cycle.bytes_sent))
+        counts = (np.count_nonzero(self._team & one) for one in (self._truth, self._counted))
+        team, counted = map(int, counts)
+        self._rows.append(
+            (self._free, self._reachable, team, self._area[BASE], counted, self._known[BASE],
+             cycle.cells_sent, cycle.bytes_sent)
+        )  # fmt: skip
         linked = cycle.links.closed[BASE]
         self._bodies.append(
             [
@@ -248,5 +283,7 @@ class Recorder:
             *(np.array([[one[n] for one in row] for row in self._bodies]) for n in columns),
             tuple(self._links),
         ]
+        if not self._cycle.rules.shares:
+            arrays[0][:] = self.free
         names = tuple(body.member.name for body in self._cycle.bodies)
-        return History(names, self.free, self._reachable, *arrays)
+        return History(names, self._cycle.rules.number, *arrays)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.cycle import BASE, Body
 from usarsim_exploration.environment import Environment
-from usarsim_exploration.frontiers import find_frontiers
+from usarsim_exploration.frontiers import find_frontiers, passages
 from usarsim_exploration.known_map import KNOWN
 from usarsim_exploration.strategy import View
 
@@ -46,7 +46,7 @@ class Idleness:
 
 def has_frontier(view: View, environment: Environment) -> bool:
     """Whether a robot's map has a frontier that it can drive to, with truly free cells behind."""
-    frontiers = find_frontiers(view.known)
+    frontiers = find_frontiers(view.known) or (passages(view.known) if view.rules.narrow else [])
     if not frontiers:
         return False
     openings = np.concatenate([one.openings for one in frontiers])

@@ -102,7 +102,7 @@ class KnownMap:
         """The same for scans that were made before."""
         changed, found, more = take_in(
             self.bits, scans.cells, scans.ends, scans.free_ends, scans.near_ends, scans.hits,
-            scans.directions, driven,
+            scans.directions, driven, _NONE,
         )  # fmt: skip
         self.note(step, changed, more.tolist())
         return found

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.history import Counts, History
+from usarsim_exploration.rules import RULES, RunRules
 from usarsim_server.errors import at
 from usarsim_server.toml import read_text
 
@@ -30,6 +31,8 @@ TEAM_COLUMNS = (
     "max_latency", "mean_latency", "sensing", "double_sensing", "returning", "not_sensing",
     "robot_steps",
 )  # fmt: skip
+SHARE_COLUMNS = "reachable_cells", "team_reachable", "base_reachable"
+"""After those of the robots, where doors count: what is reachable, and what of that is known."""
 ROBOT_COLUMNS = (
     "area", "own", "believed", "believed_at_base", "max_latency", "mean_latency", "sensing",
     "double_sensing", "returning", "not_sensing",
@@ -39,6 +42,7 @@ AGENT_COLUMNS = (
     "works", "linked_base", "latency", "distance", "found", "first", "area", "own", "believed",
     "at_base", "idle", "links",
 )  # fmt: skip
+Floats = NDArray[np.float64]
 _CURE = "write the run again with `usarsim explore run`"
 
 
@@ -59,7 +63,7 @@ def steps_csv(history: History) -> str:
         history.bytes_sent,
         100 * history.free_team / history.free,
         100 * history.free_base / history.free,
-        np.full_like(rows, history.free),
+        history.free,
         100 * history.area[:, robots].mean(axis=1) / team,
         history.cells_sent,
         history.distance[:, robots].mean(axis=1),
@@ -78,6 +82,9 @@ def steps_csv(history: History) -> str:
         columns += [one[:, robot] for one in sums]
     heads = [*TEAM_COLUMNS]
     heads += [f"{name}_{column}" for name in history.names[1:] for column in ROBOT_COLUMNS]
+    if RULES[history.by_rules].shares:
+        heads += SHARE_COLUMNS
+        columns += [history.reachable, history.known_team, history.known_base]
     return _text(heads, zip(*map(_plain, columns), strict=True))
 
 
@@ -105,11 +112,12 @@ def agents_csv(history: History) -> str:
     return _text(AGENT_COLUMNS, rows)
 
 
-def read_history(folder: Path, reachable: int) -> History:
+def read_history(folder: Path, rules: RunRules, reachable: int) -> History:
     """The history out of both logs.
 
     Args:
-        folder: of the run. reachable: free cells that the base can be reached from.
+        folder: of the run. rules: of it.
+        reachable: free cells that the base can be reached from, where the logs do not say it.
 
     Raises:
         ExplorationError: a file cannot be read, or says what none of ours says.
@@ -133,12 +141,19 @@ def read_history(folder: Path, reachable: int) -> History:
     heard = [
         _pairs(agents.rows[first : first + count]) for first in range(0, len(agents.rows), count)
     ]
+    areas = team("team_area"), team("base_area")
+    shares = [team(name) for name in SHARE_COLUMNS] if rules.shares else None
+    if shares is None:
+        shares = [np.full(len(steps.rows), reachable), *areas]
     return History(
         tuple(names),
-        int(team("free_cells")[0]),
-        reachable,
-        team("team_area"),
-        team("base_area"),
+        rules.number,
+        team("free_cells"),
+        shares[0],
+        areas[0],
+        areas[1],
+        shares[1],
+        shares[2],
         team("cells_sent"),
         team("bytes_sent"),
         np.stack([bodies("x"), bodies("y")], axis=-1),
@@ -162,10 +177,13 @@ def read_history(folder: Path, reachable: int) -> History:
     )
 
 
-def read_areas(folder: Path) -> tuple[Counts, Counts, NDArray[np.float64]]:
-    """Cells that the team has known and that the base knows, and the mean distance of robots.
+def read_shares(folder: Path, reachable: int) -> tuple[Floats, Floats, Floats]:
+    """Parts of the reachable cells that team and base know, and the mean distance of robots.
 
     By step, out of the data log; distances in cells.
+
+    Args:
+        folder: of the run. reachable: how many cells are, where the log does not say it.
 
     Raises:
         ExplorationError: it cannot be read, or says what none of ours says.
@@ -173,24 +191,16 @@ def read_areas(folder: Path) -> tuple[Counts, Counts, NDArray[np.float64]]:
     steps = _read(folder / STEPS)
     if not steps.rows:
         raise ExplorationError(at(steps.path, "there is no step", _CURE))
-    team, base = (
-        np.array(steps.column(name, int), np.int64) for name in ("team_area", "base_area")
-    )
-    return team, base, np.array(steps.column("mean_distance", float))
 
+    def column(name: str, kind: Callable[[str], float] = int) -> Floats:
+        return np.array(steps.column(name, kind), np.float64)
 
-def first_difference(one: History, other: History) -> str | None:
-    """Where the agent logs of two runs differ for the first time; None: they are equal."""
-    lines = agents_csv(one).splitlines(), agents_csv(other).splitlines()
-    heads = lines[0][0].split(",")
-    for number, (first, second) in enumerate(zip(*lines, strict=False), 1):
-        if first != second:
-            pairs = zip(heads, *(next(csv.reader([line])) for line in (first, second)), strict=True)
-            told = next(f"{head} is {a}, not {b}" for head, a, b in pairs if a != b)
-            return f"{AGENTS}, line {number}: {told}"
-    if len(lines[0]) != len(lines[1]):
-        return f"{AGENTS}: {len(lines[0]) - 1} rows, not {len(lines[1]) - 1}"
-    return None
+    if SHARE_COLUMNS[0] in steps.rows[0]:
+        whole, team, base = map(column, SHARE_COLUMNS)
+    else:
+        team, base = column("team_area"), column("base_area")
+        whole = np.full_like(team, reachable)
+    return team / whole, base / whole, column("mean_distance", float)
 
 
 class _Rows:

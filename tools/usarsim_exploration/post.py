@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from usarsim_exploration.cycle import Body
 
 _UNLIMITED = 10**12
+LEAST = 2 * HEAD
+"""Bytes of a message that is worth its head; with fewer for each, takers take turns."""
 _RUNS = FRAME // RUN
 """Of a frame."""
 _NONE = np.empty(0, np.int64)
@@ -59,6 +61,7 @@ class _Line:
     Attributes:
         told: bits of each cell as last told by either. waiting: cells that may be news.
         since: step up to which changes of the map were looked at. place: where the round is.
+        news_first: whether the next message may be filled by news though cells wait.
         heard: by robot, how new the entry of it was that was told.
     """
 
@@ -66,6 +69,7 @@ class _Line:
     waiting: Cells = field(default_factory=lambda: _NONE)
     since: int = -1
     place: int = 0
+    news_first: bool = True
     heard: dict[int, int] = field(default_factory=dict)
 
 
@@ -78,8 +82,18 @@ class Post:
         latency: int,
         random: np.random.Generator,
         carry: Carry | None = None,
+        *,
+        fair: bool = True,
     ) -> None:
-        """bandwidth: bytes a step of each radio; 0: no limit. latency: steps. carry: see there."""
+        """A post that has carried nothing.
+
+        Args:
+            bandwidth: bytes a step of each radio; 0: no limit. latency: steps. carry: see there.
+            fair: the map gets through however narrow links are: takers take turns where a message
+                for each would be nothing but its head, and each second message of those that
+                cannot hold all is for the map alone.
+        """
+        self._fair = fair
         self._bandwidth, self._latency, self._random = bandwidth or _UNLIMITED, latency, random
         self._carry = carry
         self._lines: dict[tuple[int, int], _Line] = {}
@@ -107,7 +121,10 @@ class Post:
             takers = np.flatnonzero(direct[giver]).tolist()
             first = step % len(takers) if takers else 0  # nobody is always the last one served
             own = bodies[giver].entry(step, letters.get(giver, {}))
-            for index, taker in enumerate(takers[first:] + takers[:first]):
+            takers = takers[first:] + takers[:first]
+            if self._fair:
+                takers = takers[: max(1, self._bandwidth // LEAST)]
+            for index, taker in enumerate(takers):
                 share = (self._bandwidth - int(self.sent[giver])) // (len(takers) - index)
                 loss = float(losses[giver, taker])
                 self.sent[giver] += self._send(step, bodies[giver], own, taker, share, loss)
@@ -118,6 +135,10 @@ class Post:
         for message in arrived:
             if bodies[message.taker].works:
                 self._take(step, bodies[message.taker], message)
+
+    def under_way_to(self, taker: int) -> bool:
+        """Whether messages with cells are still to arrive."""
+        return any(one.taker == taker and len(one.cells) > 0 for one in self._under_way)
 
     def _line(self, giver: int, taker: int, known: KnownMap) -> _Line:
         if (giver, taker) not in self._lines:
@@ -132,10 +153,12 @@ class Post:
             return 0
         line = self._line(own.number, taker, body.view.known)
         used = HEAD + own.size
-        if used > share:  # the head alone
+        for_map = self._fair and len(line.waiting) > 0 and not line.news_first
+        line.news_first = for_map or not len(line.waiting)
+        if used > share or for_map:  # the head alone
             own, used = replace(own, letter={}, size=0), HEAD
         entries = [own]
-        for other, one in sorted(body.view.teammates.items()):
+        for other, one in sorted(body.view.teammates.items()) if not for_map else ():
             size = ENTRY + one.size
             news = one.heard > line.heard.get(other, -1)
             if news and other != taker and used + size <= share:

@@ -7,7 +7,7 @@ is the exception: what strategies wrote in their letters is not in the log.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -91,21 +91,29 @@ def log_of(history: History) -> Log:
     return Log(tuple(map(_cell, places[0])), tuple(steps))
 
 
-def replay(scenario: Scenario, log: Log) -> Result:
+def replay(
+    scenario: Scenario, log: Log, begin: Callable[[str], None] = lambda phase: None
+) -> Result:
     """Run a log in its scenario, to the last step of the log.
+
+    Args:
+        scenario, log: of one run. begin: see `Run`.
 
     Raises:
         ExplorationError: team and log do not fit.
     """
-    one = again(scenario, log)
+    one = again(scenario, log, begin)
     for _ in log.entries:
         one.step()
     one.ended = one.ended or "steps"
     return replace(one.result(), scenario=scenario)
 
 
-def again(scenario: Scenario, log: Log) -> Run:
+def again(scenario: Scenario, log: Log, begin: Callable[[str], None] = lambda phase: None) -> Run:
     """A run whose robots do what a log says, as many steps as it has.
+
+    Args:
+        scenario, log: of one run. begin: see `Run`.
 
     Raises:
         ExplorationError: team and log do not fit.
@@ -119,7 +127,8 @@ def again(scenario: Scenario, log: Log) -> Run:
     )
     end = replace(scenario.end, steps=max(len(log.entries), 1), base=None, home=False)
     basics = replace(scenario.basics, backend="grid")
-    return Run(replace(scenario, team=team, strategy=_Again(log), end=end, basics=basics))
+    same = replace(scenario, team=team, strategy=_Again(log), end=end, basics=basics)
+    return Run(same, begin)
 
 
 def read_mresim_log(path: Path, environment: Environment) -> Log:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 
@@ -14,8 +14,9 @@ import numpy as np
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.log_files import AGENTS, STEPS, agents_csv, steps_csv
 from usarsim_exploration.measures import measure
+from usarsim_exploration.rules import OLDEST
 from usarsim_exploration.running import Result
-from usarsim_exploration.scenario import Scenario
+from usarsim_exploration.scenario import Scenario, load
 from usarsim_exploration.showing.picture import draw, png
 from usarsim_exploration.showing.scene import scene_of
 from usarsim_exploration.strategy_file import split
@@ -45,15 +46,18 @@ def facts(result: Result) -> dict[str, object]:
             "columns": columns,
             "rows": rows,
             "cell": world.environment.cell,
-            "free": result.history.free,
-            "reachable": result.history.reachable,
+            "free": int(result.history.free[-1]),
+            "reachable": int(result.history.reachable[-1]),
             "digest": _digest(world),
         },
+        "rules": scenario.rules.number,
         "seed": scenario.basics.seed,
         "ended": {"reason": result.ended, "step": result.history.steps},
         "events": [{"step": step, "event": what} for step, what in result.events],
         "measures": measure(result.history),
     }
+    if result.unawaited:
+        found["unawaited"] = [{"step": one.step, "event": one.text} for one in result.unawaited]
     if scenario.basics.backend == "server":
         found["localisation"] = scenario.physics.localisation
     if result.error:
@@ -113,7 +117,8 @@ def line(result: Result, timing: Mapping[str, object]) -> str:
     """A run in one line."""
     scenario, history = result.scenario, result.history
     team, base = (
-        100 * int(cells[-1]) / history.reachable for cells in (history.free_team, history.free_base)
+        100 * int(cells[-1]) / int(history.reachable[-1])
+        for cells in (history.known_team, history.known_base)
     )
     return (
         f"{scenario.world.environment.name}, {history.robots} robots, {scenario.strategy_name}, "
@@ -142,6 +147,31 @@ def write_scenario(scenario: Scenario, folder: Path) -> None:
         cure = "give a folder that can be written to"
         problem = f"cannot be written: {reason(error)}"
         raise ExplorationError(at(error.filename or folder, problem, cure)) from error
+
+
+def load_run(folder: Path, options: Iterable[str] = ()) -> Scenario:
+    """The scenario of the folder of a run, by the rules that the run had.
+
+    Args:
+        folder: with `scenario.toml`, and `run.json` if it has been run. options: as of `load`.
+
+    Raises:
+        UsarsimError: a file cannot be used.
+    """
+    return load(folder / SCENARIO, [*rules_of(folder), *options])
+
+
+def rules_of(folder: Path) -> list[str]:
+    """The option that says by which rules a run went whose scenario does not say it.
+
+    Results that carry no number are those of the oldest rules.
+    """
+    try:
+        told = json.loads(read_regular(folder / RUN))
+    except (OSError, ValueError, RecursionError):
+        return []  # not run yet, or damaged: its scenario counts
+    older = isinstance(told, dict) and "rules" not in told
+    return [f"rules={OLDEST}"] if older else []
 
 
 def _digest(world: World) -> str:

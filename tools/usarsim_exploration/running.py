@@ -11,7 +11,7 @@ from typing import Self
 
 from usarsim_exploration.cycle import Cycle, set_up
 from usarsim_exploration.ending import Reason
-from usarsim_exploration.events import Fate, late
+from usarsim_exploration.events import Event, Fate, late
 from usarsim_exploration.history import History, Recorder
 from usarsim_exploration.levels.discs import DiscLevel
 from usarsim_exploration.levels.grid import GridLevel, Level
@@ -26,6 +26,7 @@ class Result:
         scenario: what was run. history: what happened. ended: why it ended.
         events: (step, what happened) of those that came.
         cycle: as it was at the end, with all maps.
+        unawaited: events to come that would have opened more, which the end did not wait for.
         error: why it failed, if it did.
     """
 
@@ -34,6 +35,7 @@ class Result:
     ended: Reason
     events: tuple[tuple[int, str], ...]
     cycle: Cycle
+    unawaited: tuple[Event, ...] = ()
     error: str = ""
 
 
@@ -90,6 +92,7 @@ class Run:
                 links_before=one.basics.links == "before",
                 level=self._level,
                 late=late(one.events),
+                rules=one.rules,
             )
         except BaseException:
             self.close()
@@ -99,13 +102,13 @@ class Run:
         self.events: list[tuple[int, str]] = []
         self._fate = Fate(one.events)
         self._error = ""
-        self.ended: Reason | None = one.end.reason(self.cycle, self.recorder)
+        self.ended: Reason | None = one.end.reason(self.cycle, self.recorder, self._fate)
 
     def _new_level(self) -> Level:
         if self.scenario.basics.backend == "grid":
             return GridLevel()
         if self.scenario.basics.backend == "discs":
-            return DiscLevel(self.scenario.discs)
+            return DiscLevel(self.scenario.discs, self.scenario.scale)
         from usarsim_exploration.levels.opening import open_level  # it needs MuJoCo and sockets
 
         return open_level(self.scenario, self._connect)
@@ -118,7 +121,7 @@ class Run:
             self.events += [(self.cycle.step, one) for one in told]
             self._begin("record")
             self.recorder.note()
-            self.ended = self.scenario.end.reason(self.cycle, self.recorder)
+            self.ended = self.scenario.end.reason(self.cycle, self.recorder, self._fate)
         return self.ended is None
 
     def fail(self, error: str) -> None:
@@ -131,12 +134,16 @@ class Run:
         reality = self.cycle.level.reality(self.cycle)
         history = replace(self.recorder.history(), reality=reality)
         events = tuple(self.events)
-        return Result(self.scenario, history, self.ended, events, self.cycle, self._error)
+        met = self.ended in ("base knows", "all home") and self.scenario.rules.shares
+        unawaited = tuple(self._fate.opening(self.cycle)) if met else ()
+        return Result(
+            self.scenario, history, self.ended, events, self.cycle, unawaited, self._error
+        )
 
 
-def run(scenario: Scenario) -> Result:
-    """Run a scenario to its end."""
-    with Run(scenario) as one:
+def run(scenario: Scenario, begin: Callable[[str], None] = lambda phase: None) -> Result:
+    """Run a scenario to its end. begin: see `Run`."""
+    with Run(scenario, begin) as one:
         while one.step():
             pass
         return one.result()

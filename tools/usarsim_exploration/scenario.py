@@ -30,9 +30,10 @@ from usarsim_exploration.levels.discs import Discs
 from usarsim_exploration.levels.physics import Physics
 from usarsim_exploration.radio import Radio, create_radio
 from usarsim_exploration.radio.models import DEFAULT
+from usarsim_exploration.rules import NEWEST, OLDEST, RULES, RunRules
 from usarsim_exploration.strategy import TYPES, Strategy
 from usarsim_exploration.strategy_file import load_strategy, split
-from usarsim_exploration.worlds import World
+from usarsim_exploration.worlds import World, scale_of
 from usarsim_exploration.worlds.catalogue import Recipe
 from usarsim_exploration.worlds.generators import KINDS, Shape
 from usarsim_exploration.worlds.pictures import Rules
@@ -58,6 +59,10 @@ class Basics:
         help="who moves the robots: cells alone; cells, but robots take room and time to turn; or "
         "a server with physics",
     )
+    rules: int = field(
+        default=NEWEST, low=OLDEST, high=NEWEST,
+        help="number of the rules; results carry theirs, and older ones run again by older rules",
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -107,11 +112,22 @@ class Scenario:
     files: Mapping[str, Path]
 
     @property
+    def rules(self) -> RunRules:
+        """Those of its number."""
+        return RULES[self.basics.rules]
+
+    @property
+    def scale(self) -> float:
+        """Cells that are as long as 0.1 m, for what robots with bodies keep and need."""
+        return scale_of(self.world.environment.cell) if self.rules.starts else 1.0
+
+    @property
     def resolved(self) -> Content:
         """The same scenario, with what the team and the strategy have by default."""
-        found: Content = {"seed": self.basics.seed, "links": self.basics.links}
+        found: Content = {key: getattr(self.basics, key) for key in ("seed", "links", "rules")}
         if self.basics.backend == "discs":
-            found |= {"backend": "discs", "discs": declared(self.discs)}
+            discs = declared(self.discs) | {"width": self.discs.wide(self.scale)}
+            found |= {"backend": "discs", "discs": discs}
         elif self.basics.backend == "server":
             found |= {"backend": "server", "physics": declared(self.physics)}
         for name in ("environment", "radio", "strategy", "end"):
@@ -149,12 +165,13 @@ def read(content: Mapping[str, object], path: Path | str = OPTIONS) -> Scenario:
     folder = path.parent if isinstance(path, Path) else Path()
     files: dict[str, Path] = {}
     basics = table.read(Basics)
-    world, mapped = _find_world(table.table("environment"), folder)
+    rules, bodies = RULES[basics.rules], basics.backend != "grid"
+    world, mapped = _find_world(table.table("environment"), folder, bodies=bodies and rules.starts)
     name, strategy = _strategy(table.table("strategy"), folder, files)
     radio_table = table.table("radio")
     radio = create_radio(radio_table)
     radio_table.finish()
-    team = teams.read_team(table, world, strategy.formation, basics.seed)
+    team = teams.read_team(table, world, strategy.formation, basics.seed, rules, bodies=bodies)
     end = table.one("end", End)
     discs, physics = table.one("discs", Discs), table.one("physics", Physics)
     events = read_events(table, [one.name for one in team], world.environment)
@@ -208,8 +225,8 @@ def _value(text: str) -> object:
         return text
 
 
-def _find_world(table: Table, folder: Path) -> tuple[World, bool]:
-    """The world, and whether it comes from a file."""
+def _find_world(table: Table, folder: Path, *, bodies: bool) -> tuple[World, bool]:
+    """The world, and whether it comes from a file. bodies: see `Rules`."""
     place = table.read(Place)
     if place.generator:
         shape = table.read(Shape)
@@ -223,7 +240,7 @@ def _find_world(table: Table, folder: Path) -> tuple[World, bool]:
     if place.name in worlds.names():
         return worlds.find(place.name), False
     path = folder / Path(place.name).expanduser()
-    rules = Rules(compat=place.compat, cell=place.cell)
+    rules = Rules(compat=place.compat, cell=place.cell, bodies=bodies)
     return worlds.find(str(path) if path.exists() else place.name, rules), True
 
 

@@ -21,6 +21,9 @@ __all__ = ["NEAR", "Scanner", "Scans"]
 
 NEAR = 0.1
 """Part of the range within which what is seen is certain."""
+SUPPOSED, EVERYWHERE = 5, 255
+"""Cells from true walls up to which scans suppose walls: between ends that are nearer than 5 cells
+to each other, and two behind; and more than any cell has."""
 
 
 class Scanner:
@@ -31,9 +34,23 @@ class Scanner:
     """
 
     def __init__(
-        self, environment: Environment, reach: int, rays: int = 181, view: float = math.pi
+        self,
+        environment: Environment,
+        reach: int,
+        rays: int = 181,
+        view: float = math.pi,
+        *,
+        tight: bool = True,
+        wary: bool = False,
     ) -> None:
-        """Args: reach, cells; rays, spread over an angle of `view`, rad."""
+        """Look around in a world.
+
+        Args:
+            reach: cells. rays: spread over an angle of `view`, rad.
+            tight: they end between two walls that touch at a corner, and what they pass is free.
+            wary: maps may have walls anywhere that are none, not only beside true ones.
+        """
+        self._tight, self._margin = tight, EVERYWHERE if wary else SUPPOSED
         self.reach, self.shape = reach, environment.shape
         steps = np.arange(rays) / (rays - 1) if rays > 1 else np.array([0.5])
         self._angles = view * (steps - 0.5)
@@ -42,10 +59,14 @@ class Scanner:
         self._fans = np.empty((0, rays, reach, 2), np.int16)
         self._offsets = np.empty((0, rays, reach), np.int32)
         self._directions = np.empty((0, 2, rays))
-        self.look_again(environment)
+        self._survey(environment)
 
     def look_again(self, environment: Environment) -> None:
-        """Take the walls of a world, which may have changed."""
+        """Take the walls of a world, which have changed: maps may have old ones anywhere."""
+        self._margin = EVERYWHERE
+        self._survey(environment)
+
+    def _survey(self, environment: Environment) -> None:
         rows, columns = self.shape
         free = np.zeros((rows + 2 * self.reach, columns + 2 * self.reach), np.uint8)
         free[self.reach :, self.reach :][:rows, :columns] = environment.walls == 0
@@ -57,7 +78,7 @@ class Scanner:
         scans = self._scans(cells, headings)
         return cast(
             self._clear, self.shape, self.reach, self._fans, self._offsets, self._directions,
-            scans, self._close,
+            scans, self._close, self._tight,
         )  # fmt: skip
 
     def look(
@@ -71,7 +92,7 @@ class Scanner:
         scans = self._scans(cells, headings)
         return look(
             bits, self._clear, self.reach, self._fans, self._offsets, self._directions, scans,
-            self._close, driven,
+            self._close, self._tight, self._margin, driven,
         )  # fmt: skip
 
     def _scans(self, cells: Sequence[Cell], headings: Sequence[float]) -> NDArray[np.int64]:

@@ -20,6 +20,7 @@ from usarsim_exploration.environment import Cell
 from usarsim_exploration.known_map import KnownMap
 from usarsim_exploration.planning import Path, Planner
 from usarsim_exploration.radio import RadioEstimate
+from usarsim_exploration.rules import TODAY, RunRules
 from usarsim_server.plugins import PluginTypes
 from usarsim_server.tables import Table
 
@@ -73,6 +74,7 @@ class View:
         teammates: by number, without itself; the base is 0.
         linked: numbers that it hears now, over any chain.
         random: its own generator.
+        rules: of the run.
     """
 
     number: int
@@ -94,6 +96,7 @@ class View:
     path: Path = field(default_factory=list)
     blocked: bool = False
     step: int = 0
+    rules: RunRules = TODAY
 
     def explorers(self, memory: int) -> list[Teammate]:
         """Teammates that explore and were heard within so many steps."""

@@ -12,8 +12,17 @@ from typing import Literal
 
 from usarsim_exploration.cycle import BASE, Member
 from usarsim_exploration.environment import Cell
+from usarsim_exploration.rules import TODAY, RunRules
 from usarsim_exploration.strategy import Formation, Role
-from usarsim_exploration.worlds import DRAWS, Draw, World, draw_places, settle
+from usarsim_exploration.worlds import (
+    DRAWS,
+    Draw,
+    World,
+    draw_places,
+    scale_of,
+    settle,
+    start_around,
+)
 from usarsim_server.fields import field
 from usarsim_server.tables import Table
 
@@ -83,12 +92,20 @@ class Robot(Kit):
     )
 
 
-def read_team(table: Table, world: World, formation: Formation, seed: int) -> tuple[Member, ...]:
+def read_team(
+    table: Table,
+    world: World,
+    formation: Formation,
+    seed: int,
+    rules: RunRules = TODAY,
+    *,
+    bodies: bool = False,
+) -> tuple[Member, ...]:
     """The members, the base first.
 
     Args:
         table: of the whole scenario. world: for places. formation: if the file names none.
-        seed: of places that are drawn.
+        seed: of places that are drawn. rules: of the run. bodies: robots have some.
 
     Raises:
         ExplorationError: naming the robot, what is wrong with it, and the cure.
@@ -97,8 +114,9 @@ def read_team(table: Table, world: World, formation: Formation, seed: int) -> tu
     team = inner.read(Team)
     if team.formation != "of the strategy":
         formation = team.formation
+    scale = scale_of(world.environment.cell) if bodies and rules.starts else 1.0
     if isinstance(team.base, str):
-        world = draw_places(world.environment, world.title, team.base, seed)
+        world = draw_places(world.environment, world.title, team.base, seed, scale)
     base = world.base if team.base is None or isinstance(team.base, str) else team.base
     if not world.environment.is_free(base):
         raise inner.error("base", f"{list(base)} is a wall or outside", _CURE)
@@ -116,10 +134,13 @@ def read_team(table: Table, world: World, formation: Formation, seed: int) -> tu
     names = ["Base", *(one.name or f"R{number}" for number, one in enumerate(robots, 1))]
     radio = team.radio if team.base_radio is None else team.base_radio
     found = [Member("Base", "base", base, reach=0, radio_range=radio, parent=None)]
-    if base != world.base:
+    starts = world.starts
+    if base != world.base and rules.starts:
+        starts = start_around(world.environment, base, scale)
+    elif base != world.base:
         stated_outside = not world.environment.inside[base[1], base[0]]
-        world = settle(world.environment, world.title, base, anywhere=stated_outside)
-    places = [cell for cell in world.starts if cell != base]
+        starts = settle(world.environment, world.title, base, anywhere=stated_outside).starts
+    places = [cell for cell in starts if cell != base]
     for number, robot in enumerate(robots, 1):
         row = rows[number - 1] if rows else inner
         if names.index(names[number]) != number:

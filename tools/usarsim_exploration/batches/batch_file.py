@@ -39,6 +39,7 @@ SUITES = {path.stem: path for path in sorted(SHIPPED.glob("*.toml"))}
 _COMMON = (
     "links",
     "backend",
+    "rules",
     "discs",
     "physics",
     "environment",
@@ -222,7 +223,8 @@ class Batch:
                 rows.append({"label": entry.label, **entry.keys} | digest)
             found[name] = rows
         end = self._first().scenario().resolved["end"]
-        return found | {"seeds": list(self.lists.seeds), **self.common, "end": end}
+        rules = {"rules": self._first().scenario().rules.number}
+        return found | {"seeds": list(self.lists.seeds), **rules, **self.common, "end": end}
 
     def only(self, strategies: Sequence[str]) -> Batch:
         """The same with other strategies: labels of its own ones, or names."""

@@ -52,13 +52,15 @@ def curves(history: History) -> dict[str, object]:
     rows = np.minimum(steps, history.steps)
 
     def share(cells: Counts) -> list[float]:
-        found: list[float] = np.round(cells[rows] / history.reachable, _DIGITS).tolist()
+        found: list[float] = np.round(cells[rows] / history.reachable[rows], _DIGITS).tolist()
         return found
 
     return {
-        "steps": steps.tolist(), "team": share(history.free_team), "base": share(history.free_base),
+        "steps": steps.tolist(),
+        "team": share(history.known_team),
+        "base": share(history.known_base),
         "distance": history.distance[rows, 1:].sum(axis=1).round(1).tolist(),
-    }  # fmt: skip
+    }
 
 
 def digest(history: History) -> str:

@@ -14,6 +14,7 @@ from usarsim_exploration.batches.batch_file import Job, read_batch
 from usarsim_exploration.batches.batch_folder import key_of
 from usarsim_exploration.batches.playing import play
 from usarsim_exploration.errors import ExplorationError
+from usarsim_exploration.rules import OLDEST
 from usarsim_server.errors import at
 from usarsim_server.tables import suggest
 
@@ -36,7 +37,8 @@ class Verification:
             UsarsimError: the batch cannot be run, or what it names is no longer the same.
         """
         self._path = path
-        batch = read_batch(content["batch"], files / path.name)
+        tables = {"rules": OLDEST} | content["batch"]  # results without a number are older
+        batch = read_batch(tables, files / path.name)
         batch.resolved()
         self.jobs = {job.key: job for job in batch.jobs()}
         keys = [str(key_of(row)) for row in content["runs"]]
@@ -49,6 +51,11 @@ class Verification:
         keys = sorted(self.jobs.keys() & self._rows.keys())
         count = min(len(keys), max(1, math.ceil(part * len(keys))))
         return [self.jobs[key] for key in random.Random(seed).sample(keys, count)]
+
+    def chance(self, drawn: int, forged: int) -> float:
+        """Probability that none of so many forged runs is among so many that are drawn."""
+        whole = len(self.jobs.keys() & self._rows.keys())
+        return math.comb(whole - forged, drawn) / math.comb(whole, drawn)
 
     def named(self, keys: Sequence[str]) -> list[Job]:
         """Runs by their keys.

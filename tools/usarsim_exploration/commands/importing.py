@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.play:
             watch = Watch()
             try:
-                result = running.run(scenario)
+                result = running.run(scenario, watch.begin)
                 timing = watch.facts(result.history.steps)
                 run_folder.write(result, folder, timing)
                 print(run_folder.line(result, timing))

@@ -40,19 +40,18 @@ def run(arguments: argparse.Namespace) -> int:
     from usarsim_exploration import run_folder
     from usarsim_exploration.log_files import first_difference, read_history
     from usarsim_exploration.replaying import log_of, read_mresim_log, replay
-    from usarsim_exploration.scenario import load
     from usarsim_exploration.timing import Watch
 
     watch = Watch()
     options = [f'radio.model="{arguments.radio}"'] if arguments.radio else []
-    scenario = load(arguments.folder / run_folder.SCENARIO, [*options, *arguments.set])
+    scenario = run_folder.load_run(arguments.folder, [*options, *arguments.set])
     before = None
     if arguments.log is not None:
         log = read_mresim_log(arguments.log, scenario.world.environment)
     else:
-        before = read_history(arguments.folder, 0)
+        before = read_history(arguments.folder, scenario.rules, 0)
         log = log_of(before)
-    result = replay(scenario, log)
+    result = replay(scenario, log, watch.begin)
     timing = watch.facts(result.history.steps)
     if arguments.out is not None:
         run_folder.write(result, arguments.out, timing)

@@ -130,7 +130,7 @@ def _go(one: Run, step: Callable[[], bool], goes_on: Callable[[], bool] = lambda
     told = sys.stderr.isatty()
     while goes_on() and step():
         if told and one.cycle.step % _TOLD == 0:
-            share = 100 * one.recorder.free_team / one.recorder.reachable
+            share = 100 * one.recorder.known_team / one.recorder.reachable
             print(f"\rstep {one.cycle.step}, {share:.0f} % known", end="", file=sys.stderr)
     if told:
         print("\r\033[K", end="", file=sys.stderr)

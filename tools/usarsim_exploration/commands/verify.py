@@ -74,6 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
         seed = arguments.seed if arguments.seed is not None else secrets.randbelow(10**6)
         jobs = one.draw(arguments.part, seed)
         print(f"{len(jobs)} of {len(one.jobs)} runs again, drawn by --seed {seed}", flush=True)
+    missed = one.chance(len(jobs), 1)
     wrong = 0
     progress = Progress(len(jobs))
     for job, difference in one.rerun(jobs, engine):
@@ -81,4 +82,8 @@ def run(arguments: argparse.Namespace) -> int:
         wrong += bool(difference)
     progress.clear()
     print(f"{path}: {len(jobs) - wrong} equal, {wrong} not")
+    if not arguments.keys and missed:
+        few = next((n for n in range(1, len(one.jobs)) if one.chance(len(jobs), n) < 0.05), None)
+        more = f"; of {few} forged ones all with less than 5 %" if few is not None else ""
+        print(f"a run that is forged alone would be missed with a chance of {missed:.1%}{more}")
     return 1 if wrong or one.missing or one.strange else 0

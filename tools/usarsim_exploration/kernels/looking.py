@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.kernels.compiled import Ints, compiled
-from usarsim_exploration.kernels.steps import AT_BASE, FREE, KNOWN, MARKS, RELAYED, SAFE, WALL
+from usarsim_exploration.kernels.steps import AT_BASE, FELT, FREE, KNOWN, MARKS, RELAYED, SAFE, WALL
 
 Bits = NDArray[np.uint8]
 Floats = NDArray[np.float64]
+SHORT = 4
+"""Cells of range up to which a wall is seen however near to its end it is."""
 _ONE = 16
 """Columns of edges of polygons are counted in 2^-16 cells."""
 
@@ -29,6 +31,8 @@ def look(
     directions: Floats,
     scans: Ints,
     close: int,
+    tight: bool,
+    margin: int,
     driven: bool,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], Ints]:
     """Take what scans from several cells tell into a map (exploration reference 6.3).
@@ -43,6 +47,8 @@ def look(
         directions: (headings, 2, rays) cosines and sines.
         scans: (n, 3) column, row and number of the heading of each.
         close: index of the last cell of a ray that is near.
+        tight: rays end between two blocked cells that touch at a corner, and what they pass is no
+            wall. margin: cells from blocked ones within which maps may take it for one.
         driven: the cells of the scans were driven over.
 
     Returns:
@@ -53,12 +59,21 @@ def look(
     ends = np.empty((len(scans), count, 2), np.int64)
     free_ends, near_ends = np.empty_like(ends), np.empty_like(ends)
     hits = np.empty((len(scans), count), np.bool_)
+    lengths = np.empty((len(scans), count), np.int64)
     for scan in range(len(scans)):
         column, row, turn = scans[scan]
-        cast(clear, bits.shape, reach, column, row, fans[turn], offsets[turn], close,
-             ends[scan], free_ends[scan], near_ends[scan], hits[scan])  # fmt: skip
+        cast(clear, bits.shape, reach, column, row, fans[turn], offsets[turn], close, tight,
+             ends[scan], free_ends[scan], near_ends[scan], hits[scan], lengths[scan])  # fmt: skip
     turned = directions[scans[:, 2]]
-    return take_in(bits, scans[:, :2], ends, free_ends, near_ends, hits, turned, driven)
+    passed = np.empty(lengths.sum() if tight else 0, np.int32)
+    if tight:
+        total = 0
+        for scan in range(len(scans)):
+            column, row, turn = scans[scan]
+            total = pass_by(clear, bits.shape, reach, column, row, fans[turn], offsets[turn],
+                            lengths[scan], margin, passed, total)  # fmt: skip
+        passed = passed[:total]
+    return take_in(bits, scans[:, :2], ends, free_ends, near_ends, hits, turned, driven, passed)
 
 
 @compiled
@@ -71,6 +86,7 @@ def take_in(
     hits: NDArray[np.bool_],
     directions: Floats,
     driven: bool,
+    passed: NDArray[np.int32],
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], Ints]:
     """Take scans into a map; `look` says more.
 
@@ -79,6 +95,7 @@ def take_in(
         ends, free_ends, near_ends: (scans, rays, 2) where rays end, the last free cells, and the
             last free ones that are near.
         hits: (scans, rays) whether at a wall. directions: (scans, 2, rays).
+        passed: cells near walls that rays passed, flat; maybe more than once.
     """
     height, width = bits.shape
     left = max(min(cells[:, 0].min(), ends[:, :, 0].min() - 3), 0)
@@ -94,6 +111,10 @@ def take_in(
             column, row = ends[scan, ray, 0] - left, ends[scan, ray, 1] - top
             if hits[scan, ray] and not part[row, column] & SAFE:
                 part[row, column] = part[row, column] & MARKS | WALL | SAFE
+    flat = bits.ravel()
+    for cell in passed:
+        if flat[cell] & (WALL | FELT) == WALL:  # what was felt is newer
+            flat[cell] = flat[cell] & MARKS | FREE | SAFE
     mask = np.zeros(part.shape, np.uint8)
     for scan in range(len(cells)):
         fill(mask, cells[scan], free_ends[scan], left, top)
@@ -131,30 +152,38 @@ def cast(
     fan: NDArray[np.int16],
     offsets: NDArray[np.int32],
     close: int,
+    tight: bool,
     ends: Ints,
     free_ends: Ints,
     near_ends: Ints,
     hits: NDArray[np.bool_],
+    lengths: Ints,
 ) -> None:
     """The rays of one scan, in leaps over what is known to hold no wall.
 
     Args:
-        clear, reach, close: as `look` has them. shape: rows and columns of the world.
+        clear, reach, close, tight: as `look` has them. shape: rows and columns of the world.
         column, row: of the scanner. fan, offsets: of its heading.
         ends, free_ends, near_ends: (rays, 2) get what `take_in` takes.
-        hits: gets whether at a wall, well within the range.
+        hits: gets whether at a wall, well within the range. lengths: gets how many cells are free.
     """
     height, width = shape
     stride, far = width + 2 * reach, max(reach - 2, 0)
+    if tight and reach <= SHORT:
+        far = reach + 1
     here = (row + reach) * stride + column + reach
     for ray in range(len(fan)):
-        index = 0
+        index, corner = 0, False
         while index < reach:
             room = clear[here + offsets[ray, index]]
             if room == 0:
                 break
+            if tight and squeezes(clear, here, stride, fan[ray], index):
+                corner = True
+                break
             index += room
         index = min(index, reach)
+        lengths[ray] = index
         right = down = 0
         if index > 0:
             right, down = int(fan[ray, index - 1, 0]), int(fan[ray, index - 1, 1])
@@ -166,9 +195,66 @@ def cast(
         ends[ray, 0], ends[ray, 1] = free_ends[ray, 0], free_ends[ray, 1]
         if index < reach:
             right, down = int(fan[ray, index, 0]), int(fan[ray, index, 1])
+            if corner:  # at the wall beside
+                down = int(fan[ray, index - 1, 1]) if index > 0 else 0
             if 0 <= column + right < width and 0 <= row + down < height:
                 ends[ray, 0], ends[ray, 1] = column + right, row + down
                 hits[ray] = right * right + down * down < far * far
+
+
+@compiled
+def pass_by(
+    clear: NDArray[np.uint8],
+    shape: tuple[int, int],
+    reach: int,
+    column: int,
+    row: int,
+    fan: NDArray[np.int16],
+    offsets: NDArray[np.int32],
+    lengths: Ints,
+    margin: int,
+    passed: NDArray[np.int32],
+    total: int,
+) -> int:
+    """Note the cells that the rays of one scan pass within `margin` of walls; see `cast`.
+
+    Args:
+        passed: of the map, flat; changed from `total` on. total: how many there are.
+
+    Returns:
+        How many there are then.
+    """
+    width = shape[1]
+    here = (row + reach) * (width + 2 * reach) + column + reach
+    for ray in range(len(fan)):
+        index = 0
+        while index < lengths[ray]:
+            room = clear[here + offsets[ray, index]]
+            last = min(index + room, lengths[ray])
+            for at in range(max(index, index + room - margin), last):
+                if clear[here + offsets[ray, at]] <= margin:
+                    passed[total] = (row + fan[ray, at, 1]) * width + column + fan[ray, at, 0]
+                    total += 1
+            index = last
+    return total
+
+
+@compiled
+def squeezes(
+    clear: NDArray[np.uint8], here: int, stride: int, ray: NDArray[np.int16], index: int
+) -> bool:
+    """Whether a ray comes to a free cell between two blocked ones that touch at a corner.
+
+    Args:
+        clear: see `look`; stride: cells of a row of it. here: the scanner's cell in it, flat.
+        ray: (range, 2) column and row of each cell from the scanner's. index: of the free cell.
+    """
+    right, down = int(ray[index, 0]), int(ray[index, 1])
+    before = below = 0
+    if index > 0:
+        before, below = int(ray[index - 1, 0]), int(ray[index - 1, 1])
+    beside, over = here + below * stride + right, here + down * stride + before
+    return bool(clear[beside] == 0 and clear[over] == 0)
 
 
 @compiled

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.kernels.plain import recount
-from usarsim_exploration.kernels.steps import FREE, KNOWN, MARKS, SAFE, WALL
+from usarsim_exploration.kernels.steps import FELT, FREE, KNOWN, MARKS, SAFE, WALL
 
 Ints = NDArray[np.int64]
+SHORT = 4
+"""See `looking.SHORT`."""
 Bits = NDArray[np.uint8]
 Floats = NDArray[np.float64]
 _AROUND = np.ones((3, 3), np.uint8)
@@ -49,30 +51,88 @@ def cast(
     directions: Floats,
     scans: Ints,
     close: int,
+    tight: bool,
 ) -> Scans:
     """The rays of scans; arguments are those of `looking.look`. shape: rows and columns."""
     height, width = shape
     stride = width + 2 * reach
     cells = scans[:, :2]
     here = (cells[:, 1] + reach) * stride + cells[:, 0] + reach
-    free = np.empty((len(scans), fans.shape[1]), np.int64)
-    for number, turn in enumerate(scans[:, 2].tolist()):
-        blocked = clear[offsets[turn] + here[number]] == 0
-        first = blocked.argmax(axis=1)
-        free[number] = np.where(blocked.any(axis=1), first, reach) - 1
+    free, corner = _free(clear, here, stride, reach, fans, offsets, scans, tight)
     turns, rays = scans[:, 2, None], np.arange(fans.shape[1])
 
     def at(steps: Ints) -> Ints:
         return cells[:, None] + fans[turns, rays, steps] * (steps >= 0)[..., None]
 
-    beyond = at(np.minimum(free + 1, reach - 1))
+    beyond, seen = at(np.minimum(free + 1, reach - 1)), at(free)
+    beyond[..., 1] = np.where(corner, seen[..., 1], beyond[..., 1])  # at the wall beside
     inside = ((beyond >= 0) & (beyond < (width, height))).all(axis=-1)
     walls = inside & (free + 1 < reach)
-    seen = at(free)
     ends = np.where(walls[..., None], beyond, seen)
     away = np.hypot(*np.moveaxis(ends - cells[:, None], -1, 0))
-    hits, near = walls & (away < reach - 2), at(np.minimum(free, close))
+    far = reach + 1 if tight and reach <= SHORT else reach - 2
+    hits, near = walls & (away < far), at(np.minimum(free, close))
     return Scans(cells, away, ends, seen, near, hits, directions[scans[:, 2]])
+
+
+def _passed(
+    clear: NDArray[np.uint8],
+    shape: tuple[int, int],
+    reach: int,
+    fans: NDArray[np.int16],
+    offsets: NDArray[np.int32],
+    scans: Ints,
+    margin: int,
+) -> NDArray[np.int32]:
+    """Cells within `margin` of walls that rays pass, flat, each once; see `looking.look`."""
+    height, width = shape
+    stride = width + 2 * reach
+    here = (scans[:, 1] + reach) * stride + scans[:, 0] + reach
+    free, _ = _free(clear, here, stride, reach, fans, offsets, scans, True)
+    seen = np.zeros(height * width, np.bool_)
+    for (column, row, turn), far in zip(scans.tolist(), free, strict=True):
+        along = fans[turn][np.arange(reach) <= far[:, None]].astype(np.int64)
+        seen[(along[:, 1] + row) * width + along[:, 0] + column] = True
+    near = clear.reshape(-1, stride)[reach:, reach:][:height, :width] <= margin
+    return np.flatnonzero(seen & near.reshape(-1)).astype(np.int32)
+
+
+def _free(
+    clear: NDArray[np.uint8],
+    here: Ints,
+    stride: int,
+    reach: int,
+    fans: NDArray[np.int16],
+    offsets: NDArray[np.int32],
+    scans: Ints,
+    tight: bool,
+) -> tuple[Ints, NDArray[np.bool_]]:
+    """Index of the last free cell of each ray, (scans, rays), and which end at a corner.
+
+    Args:
+        here: (scans,) the scanners' cells in `clear`, flat. stride: cells of a row of that.
+    """
+    free = np.empty((len(scans), fans.shape[1]), np.int64)
+    corner = np.zeros(free.shape, np.bool_)
+    for number, turn in enumerate(scans[:, 2].tolist()):
+        wall = clear[offsets[turn] + here[number]] == 0
+        blocked = wall | _squeezed(clear, here[number], stride, fans[turn]) if tight else wall
+        first = blocked.argmax(axis=1)
+        free[number] = np.where(blocked.any(axis=1), first, reach) - 1
+        corner[number] = blocked.any(axis=1) & ~wall[np.arange(len(wall)), first]
+    return free, corner
+
+
+def _squeezed(
+    clear: NDArray[np.uint8], here: np.int64, stride: int, fan: NDArray[np.int16]
+) -> NDArray[np.bool_]:
+    """(rays, range) whether both cells beside a diagonal move of a ray are blocked."""
+    after = fan.astype(np.int64)
+    before = np.concatenate([np.zeros_like(after[:, :1]), after[:, :-1]], axis=1)
+    beside = here + before[..., 1] * stride + after[..., 0]
+    over = here + after[..., 1] * stride + before[..., 0]
+    found: NDArray[np.bool_] = (clear[beside] == 0) & (clear[over] == 0)
+    return found
 
 
 def look(
@@ -84,14 +144,20 @@ def look(
     directions: Floats,
     scans: Ints,
     close: int,
+    tight: bool,
+    margin: int,
     driven: bool,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], Ints]:
     """See `looking.look`."""
     shape = bits.shape[0], bits.shape[1]
-    one = cast(clear, shape, reach, fans, offsets, directions, scans, close)
+    one = cast(clear, shape, reach, fans, offsets, directions, scans, close, tight)
+    by = np.empty(0, np.int32)
+    if tight:
+        by = _passed(clear, shape, reach, fans, offsets, scans, margin)
     return take_in(
-        bits, one.cells, one.ends, one.free_ends, one.near_ends, one.hits, one.directions, driven
-    )
+        bits, one.cells, one.ends, one.free_ends, one.near_ends, one.hits, one.directions, driven,
+        by,
+    )  # fmt: skip
 
 
 def take_in(
@@ -103,6 +169,7 @@ def take_in(
     hits: NDArray[np.bool_],
     directions: Floats,
     driven: bool,
+    passed: NDArray[np.int32],
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], Ints]:
     """See `looking.take_in`."""
     rows, columns = bits.shape
@@ -118,6 +185,9 @@ def take_in(
         fill(seen, cell - corner, far - corner)
         fill(near, cell - corner, short - corner)
     _mark_walls(part, ends, hits, directions, corner)
+    flat = bits.reshape(-1)
+    wrong = passed[flat[passed] & (WALL | FELT) == WALL]  # what was felt is newer
+    flat[wrong] = flat[wrong] & MARKS | FREE | SAFE
     part |= (part & KNOWN == 0).view(np.uint8) & seen  # 1 is FREE
     _make_safe(bits, near, corner)
     if driven:

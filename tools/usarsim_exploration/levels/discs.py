@@ -32,11 +32,13 @@ if TYPE_CHECKING:
 _TURN = math.pi / 16
 """rad between two scans of a robot that turns; headings are whole numbers of it."""
 _LOOKAHEAD = 4
-"""Cells on the way to where a robot heads."""
+"""Cells of 0.1 m, as all of these, on the way to where a robot heads."""
 _SEES = 30
 """Cells within which robots see each other, and plan their way around."""
 _ASTIR = 3.0
 """Cells from a place within which a robot has got nowhere."""
+_WIDTH = 6.0
+"""Cells of a robot's width."""
 _SQUEEZE = 3
 """Steps that two robots wait for each other, then they get past all the same: a server's robots
 back off and turn meanwhile."""
@@ -46,11 +48,17 @@ back off and turn meanwhile."""
 class Discs:
     """Keys of `[discs]`; they mean nothing to other levels."""
 
-    width: float = field(default=6.0, low=1.0, high=100.0, unit="cells", help="of all robots")
+    width: float | None = field(
+        default=None, low=0.1, high=1000.0, unit="cells", help="of all robots; 0.6 m"
+    )
     turn: float = field(
         default=150.0, low=10.0, high=100000.0, unit="degrees a step",
         help="how far a robot turns on the spot, if it does nothing else",
     )  # fmt: skip
+
+    def wide(self, scale: float) -> float:
+        """Width of robots, cells. scale: cells that are as long as 0.1 m."""
+        return _WIDTH * scale if self.width is None else self.width
 
 
 @dataclass(slots=True, eq=False)
@@ -81,10 +89,16 @@ class _Disc:
 class DiscLevel(GridLevel):
     """Computes on the cells of the true world, with robots of some width."""
 
-    def __init__(self, discs: Discs) -> None:
-        """Args: discs: how wide robots are, and how fast they turn."""
-        self._width, self._turn = discs.width, math.radians(discs.turn)
-        self._shape = disc_cells(discs.width / 2)
+    def __init__(self, discs: Discs, scale: float = 1.0) -> None:
+        """Robots that have not moved.
+
+        Args:
+            discs: how wide robots are, and how fast they turn.
+            scale: cells that are as long as 0.1 m.
+        """
+        self._scale, self._turn = scale, math.radians(discs.turn)
+        self._width = discs.wide(scale)
+        self._shape = disc_cells(self._width / 2)
         self._discs: list[_Disc] = []
 
     def look(self, cycle: Cycle) -> None:
@@ -99,7 +113,7 @@ class DiscLevel(GridLevel):
         moving = [self._discs[body.view.number] for body in cycle.acting()]
         for disc in moving:
             cycle.decide(disc.body)
-            self._set_out(disc, cycle.environment.cell)
+            self._set_out(disc)
         parts = math.ceil(max((disc.body.view.speed for disc in moving), default=0.0))
         for _ in range(parts):
             for disc in moving:
@@ -108,35 +122,37 @@ class DiscLevel(GridLevel):
             self._settle(cycle, disc)
             disc.body.view.planner.forget()
 
-    def _set_out(self, disc: _Disc, cell: float) -> None:
-        """Make the way for this step out of what is left of the path. cell: width of one, m."""
+    def _set_out(self, disc: _Disc) -> None:
+        """Make the way for this step out of what is left of the path."""
         view = disc.body.view
         disc.cells, disc.headings = [], []
         disc.moved, disc.hit, disc.credit = False, None, 0.0
         if not view.path:
             disc.way, disc.waited = [], 0
             return
-        if math.dist(disc.anchor, disc.cell) > _ASTIR:
+        if math.dist(disc.anchor, disc.cell) > _ASTIR * self._scale:
             disc.anchor, disc.waited = disc.cell, 0
         others: list[NDArray[np.int64]] = [np.empty((0, 2), np.int64)]
         if disc.waited < _SQUEEZE:
             others += [
                 one.cell + self._shape
                 for one in self._discs
-                if one is not disc and math.dist(one.cell, disc.cell) < _SEES
+                if one is not disc and math.dist(one.cell, disc.cell) < _SEES * self._scale
             ]
-        home = view.path[-1] == view.base
-        snap = gathering(len(self._discs) - 1, cell) if home else SNAP
+        snap = SNAP
+        if view.path[-1] == view.base:
+            snap = gathering(len(self._discs) - 1)
         disc.way, disc.whole = route(
             view.known.bits, disc.cell, view.path, (self._width + 1) / 2, np.concatenate(others),
-            snap,
+            snap, self._scale,
         )  # fmt: skip
 
     def _advance(self, cycle: Cycle, disc: _Disc, credit: float) -> None:
         """Turn and drive for a part of a step; what is left of that is of use for the next one."""
         disc.credit += credit
         while disc.way and disc.hit is None:
-            ahead = disc.way[min(_LOOKAHEAD, len(disc.way)) - 1]
+            far = max(1, round(_LOOKAHEAD * self._scale))
+            ahead = disc.way[min(far, len(disc.way)) - 1]
             towards = math.atan2(ahead[1] - disc.cell[1], ahead[0] - disc.cell[0])
             beside = wrap(towards - disc.heading)
             there, turns = disc.way[0], abs(beside) > SHARP

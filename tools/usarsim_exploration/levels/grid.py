@@ -114,8 +114,13 @@ class GridLevel:
         if member.noise:
             scans = body.scanner.scan(cells, headings)
             shape = cycle.environment.shape
-            scans = disturb(scans, member.noise, member.reach, shape, body.random)
+            scans = disturb(
+                scans, member.noise, member.reach, shape, body.random, rounded=cycle.rules.sight
+            )
             found = known.take_in(cycle.step, scans, driven)
+            if body.evidence is not None:
+                for number in range(len(cells)):
+                    body.evidence.correct(known, cycle.step, scans, number)
         else:
             found = known.look(cycle.step, body.scanner, cells, headings, driven)
         cycle.count(body, found)

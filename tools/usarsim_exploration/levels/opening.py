@@ -28,8 +28,9 @@ def open_level(scenario: Scenario, connect: str = "") -> ServerLevel:
     place = _place(connect) if connect else _own(scenario)
     try:
         return ServerLevel(
-            physics, scenario.team, environment.shape, environment.cell, scenario.radio, place
-        )
+            physics, scenario.team, environment.shape, environment.cell, scenario.radio, place,
+            metres=scenario.rules.starts,
+        )  # fmt: skip
     except BaseException:
         if place.own is not None:
             place.own.close()
@@ -37,7 +38,8 @@ def open_level(scenario: Scenario, connect: str = "") -> ServerLevel:
 
 
 def _own(scenario: Scenario) -> Place:
-    reach = min((one.radio_range for one in scenario.team), default=0.0)
+    ranges = [one.radio_range for one in scenario.team if one.radio_range > 0.0]
+    reach = min(ranges, default=1.0)  # who has none is silent
     own = OwnServer(
         scenario.world, scenario.radio, reach, scenario.basics.seed, scenario.physics.control
     )

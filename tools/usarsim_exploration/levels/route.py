@@ -16,7 +16,7 @@ from usarsim_exploration.known_map import FELT, KNOWN, SAFE, WALL
 from usarsim_exploration.planning import Path
 
 AHEAD = 60
-"""Cells of the path that are looked at."""
+"""Cells of 0.1 m, as all lengths here, of the path that are looked at."""
 MARGIN = 20
 """Cells around these."""
 SNAP = 8
@@ -39,7 +39,8 @@ def route(
     path: Sequence[Cell],
     width: float,
     seen: NDArray[np.int64],
-    snap: int = SNAP,
+    snap: float = SNAP,
+    scale: float = 1.0,
 ) -> tuple[Path, bool]:
     """Cells to drive over, as far along a path as the robot fits.
 
@@ -47,16 +48,18 @@ def route(
         bits: of its map. start: where it is. path: of its strategy, not empty.
         width: cells to the middle of a wall's cell that it needs at least.
         seen: (n, 2) further cells where something is.
-        snap: cells from the end within which a robot that gets no nearer has arrived.
+        snap: cells of 0.1 m from the end within which a robot that gets no nearer has arrived.
+        scale: cells that are as long as 0.1 m.
 
     Returns:
         The cells, without the start; and whether they lead to the end of the path, or as near as
         robots get. Empty: it is there, or no way leads on.
     """
-    ahead = np.array([start, *path[:AHEAD]])
+    far, margin, leave = (max(1, round(one * scale)) for one in (AHEAD, MARGIN, _LEAVE))
+    ahead = np.array([start, *path[:far]])
     rows, columns = bits.shape
-    left, top = np.maximum(ahead.min(axis=0) - MARGIN, 0).tolist()
-    right, bottom = np.minimum(ahead.max(axis=0) + MARGIN + 1, (columns, rows)).tolist()
+    left, top = np.maximum(ahead.min(axis=0) - margin, 0).tolist()
+    right, bottom = np.minimum(ahead.max(axis=0) + margin + 1, (columns, rows)).tolist()
     part = bits[top:bottom, left:right]
     on_path = np.zeros(part.shape, np.uint8)
     local = ahead - (left, top)
@@ -70,21 +73,20 @@ def route(
     solid[inside[fits, 1], inside[fits, 0]] = True
     away = cv2.distanceTransform((~np.pad(solid, 1)).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
     column, row = start[0] - left, start[1] - top
-    prices = 4 + np.rint(12 * np.clip(_COMFORT - away, 0.0, None)).astype(np.int64)
+    prices = 4 + np.rint(12 * np.clip(_COMFORT - away / scale, 0.0, None)).astype(np.int64)
     prices += 8 * (part & KNOWN == 0)
     prices += 200 * felt
-    narrow, tight = away < width, away < width + _TURNS
+    narrow, tight = away < width, away < width + _TURNS * scale
     prices += _TIGHT * tight
     near = np.zeros_like(narrow)
-    near[max(row - _LEAVE, 0) : row + _LEAVE + 1, max(column - _LEAVE, 0) : column + _LEAVE + 1] = (
-        True
-    )
+    near[max(row - leave, 0) : row + leave + 1, max(column - leave, 0) : column + leave + 1] = True
     prices[narrow & near] += 300
     prices[(narrow & ~near) | (solid & (away < 0.5))] = 0
     prices[row, column] = max(prices[row, column], 1)
     costs, came = cheapest(prices, column, row)
-    tight = narrow if math.dist(start, path[-1]) <= _ROOMY else tight
-    target, ends = _target(costs, narrow, tight, local[1:], snap if len(path) <= AHEAD else 0)
+    tight = narrow if math.dist(start, path[-1]) <= _ROOMY * scale else tight
+    near_end = snap * scale if len(path) <= far else 0.0
+    target, ends = _target(costs, narrow, tight, local[1:], near_end, scale)
     if target is None:
         return [], False
     found = []
@@ -95,9 +97,9 @@ def route(
     return found[::-1], ends
 
 
-def gathering(robots: int, cell: float) -> int:
-    """Cells, of so many m, from the base to where a robot is home: all of a team stand there."""
-    return round((1.0 + 0.15 * robots) / cell)
+def gathering(robots: int) -> int:
+    """Cells of 0.1 m from the base to where a robot is home: all of a team stand there."""
+    return round(10.0 + 1.5 * robots)
 
 
 def rest_of(path: Path, here: Cell) -> Path:
@@ -111,32 +113,33 @@ def _target(
     narrow: NDArray[np.bool_],
     tight: NDArray[np.bool_],
     path: NDArray[np.int64],
-    snap: int,
+    snap: float,
+    scale: float,
 ) -> tuple[Cell | None, bool]:
     """The farthest cell of a path that can be reached, or one near it; and whether at its end.
 
     Args:
-        snap: see `route`; 0: the path goes on after these cells.
+        snap: cells, see `route`; 0: the path goes on after these. scale: see there.
     """
     open_ = (costs < FAR) & ~narrow
     rows, columns = np.nonzero(open_)
     if not len(rows):
         return None, False
-    last = len(path) - 1
+    last, every = len(path) - 1, max(1, round(SNAP * scale))
     if snap:
         open_at = np.argwhere((costs < FAR) & ~tight)
         away = ((open_at[:, ::-1] - path[last]) ** 2).sum(axis=1)
-        if len(away) and away.min() <= _ROOMY**2:
+        if len(away) and away.min() <= (_ROOMY * scale) ** 2:
             row, column = open_at[np.argmin(away)].tolist()
             return (column, row), True
     for index in range(last, -1, -1):
         column, row = path[index].tolist()
         if open_[row, column]:
             return (column, row), bool(snap) and index == last
-        if index in (last, 0) or index % SNAP == 0:
+        if index in (last, 0) or index % every == 0:
             away = (rows - row) ** 2 + (columns - column) ** 2
             best = int(np.argmin(away))
-            reach = snap if index == last and snap else SNAP
+            reach = snap if index == last and snap else SNAP * scale
             if away[best] <= reach**2:
                 return (int(columns[best]), int(rows[best])), bool(snap) and index == last
     return None, False

@@ -43,6 +43,7 @@ from usarsim_exploration.measures.reality import Ways, of_map
 from usarsim_exploration.post import Message
 from usarsim_exploration.radio import Links, Radio
 from usarsim_exploration.walking import through
+from usarsim_exploration.worlds import scale_of
 
 if TYPE_CHECKING:
     from usarsim_exploration.cycle import Cycle, Member
@@ -86,17 +87,21 @@ class ServerLevel:
         cell: float,
         radio: Radio,
         place: Place,
+        *,
+        metres: bool = True,
     ) -> None:
         """Bring the team into the world of a server.
 
         Args:
             physics: see there. team: the base first. shape: rows and columns of the environment.
             cell: width of one, m. radio: of the scenario. place: of the server.
+            metres: lengths are as long at any width of a cell.
 
         Raises:
             ExplorationError: there is no server, or it does not let all in.
         """
         self._physics, self._cell, self._shape = physics, cell, shape
+        self._scale = scale_of(cell) if metres else 1.0
         host, control = place.host, place.control
         self.place, self._address = place, (host, control)
         self._tall = shape[0] * cell
@@ -191,7 +196,7 @@ class ServerLevel:
     def links(self, cycle: Cycle) -> Links:
         """As strong as the wireless server says."""
         assert self._air is not None
-        on = [one.works and not one.silent for one in cycle.bodies]
+        on = [one.works and not one.silent and one.member.radio_range > 0.0 for one in cycle.bodies]
         try:
             return Links(self._air.hears(on))
         except (OSError, ProtocolError) as error:
@@ -247,11 +252,14 @@ class ServerLevel:
         here = self._at(rover.pose)
         snap = SNAP
         if view.path[-1] == view.base:  # all come home, and stand around it
-            snap = gathering(len(self._rovers), self._cell)
+            snap = gathering(len(self._rovers))
         width = _WIDTH * 0.1 / self._cell
-        way, whole = route(view.known.bits, here, view.path, width, np.concatenate(seen), snap)
+        way, whole = route(
+            view.known.bits, here, view.path, width, np.concatenate(seen), snap, self._scale
+        )
         end = self._middle(view.path[-1])
-        last = self._middle(view.path[-6]) if len(view.path) > 5 else rover.pose[:2]
+        back = max(1, round(5 * self._scale))
+        last = self._middle(view.path[-1 - back]) if len(view.path) > back else rover.pose[:2]
         far = math.dist(end, last) > self._cell
         facing = math.atan2(end[1] - last[1], end[0] - last[0]) if far else rover.pose[2]
         rover.driver.follow([self._middle(one) for one in way], facing, ends=whole)
@@ -381,7 +389,8 @@ class ServerLevel:
         """Something that is on no map keeps the robot from going on: it takes that for a wall."""
         view = rover.body.view
         here = self._at(rover.pose)
-        ahead = [one for one in view.path if math.dist(one, here) >= 4.0][:1] or view.path[-1:]
+        far = 4.0 * self._scale
+        ahead = [one for one in view.path if math.dist(one, here) >= far][:1] or view.path[-1:]
         for cell in ahead:
             x, y = self._middle(cell)
             taken = any(math.dist((x, y), disc[:2]) < 1.0 for disc in rover.others)

@@ -7,6 +7,8 @@ place is forgotten (A. Hornung et al., OctoMap, Autonomous Robots 34 (2013), cla
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -19,33 +21,47 @@ Ints = NDArray[np.int64]
 
 _HIT, _SURE = 4, 5
 """A beam that ends counts as much as so many that go on, of which so many more make a cell free."""
-_MOST, _CERTAIN = 12, 8
-"""What beams that end in a cell can come to, and from when on it is a wall for certain."""
+_MOST, _CERTAIN = 3, 2
+"""Beams that end in a cell, to which these can come, and from when on it is a wall for certain."""
+_CLEAR = 15
+"""So many more beams that go on make a cell free for certain, where it is known how readings err:
+then others learn of it who hold it for a wall."""
 
 
 class Evidence:
     """What one robot's scans say of each cell."""
 
-    def __init__(self, shape: tuple[int, int]) -> None:
-        """Nothing yet. shape: rows and columns."""
+    def __init__(self, shape: tuple[int, int], deviation: float | None = None) -> None:
+        """Nothing yet.
+
+        Args:
+            shape: rows and columns.
+            deviation: of readings that err by chance alone, cells; None: poses err, too.
+        """
+        self._hits = _HIT if deviation is None else _weight(deviation)
+        self._top = _SURE if deviation is None else _CLEAR
         self._score = np.zeros(shape, np.int8)
         self._hit = np.zeros(shape, np.bool_)
 
-    def correct(self, known: KnownMap, step: int, scans: Scans) -> None:
-        """Judge walls of the map that has just taken in one scan.
+    def correct(self, known: KnownMap, step: int, scans: Scans, number: int = 0) -> None:
+        """Judge walls of the map that has just taken in a scan, of the number of some.
 
         A wall of one beam is not certain: what others saw there counts as much. A wall that was
         measured and that beams go through is free. Walls that were felt stay.
         """
-        ended, through = self._add(scans.cells[0], scans.ends[0, scans.hits[0]],
-                                   scans.ends[0], scans.free_ends[0])  # fmt: skip
+        ends = scans.ends[number]
+        ended, through = self._add(scans.cells[number], ends[scans.hits[number]],
+                                   ends, scans.free_ends[number])  # fmt: skip
         bits, score = known.news(ended), self._score.reshape(-1)[ended]
-        doubtful = ended[(bits & (WALL | SAFE | FELT) == WALL | SAFE) & (score > -_CERTAIN)]
+        sure = score <= -_CERTAIN * self._hits
+        doubtful = ended[(bits & (WALL | SAFE | FELT) == WALL | SAFE) & ~sure]
         known.write(step, doubtful, known.news(doubtful) & np.uint8(MARKS) | np.uint8(WALL))
         bits = known.news(through)
         measured = (bits & SAFE != 0) | self._hit.reshape(-1)[through]
         free = through[(bits & (WALL | FELT) == WALL) & measured]
-        known.write(step, free, known.news(free) & np.uint8(MARKS) | np.uint8(FREE))
+        clear = self._score.reshape(-1)[free] == _CLEAR
+        shape = np.where(clear, FREE | SAFE, FREE).astype(np.uint8)
+        known.write(step, free, known.news(free) & np.uint8(MARKS) | shape)
 
     def _add(self, cell: Ints, ended: Ints, ends: Ints, free: Ints) -> tuple[Ints, Ints]:
         """Flat indices of cells where beams end, and of those that many go through."""
@@ -59,11 +75,22 @@ class Evidence:
         through[hit] = 0
         self._hit[top:bottom, left:right] |= hit
         part += through.view(np.int8)
-        np.minimum(part, _SURE, out=part)
-        part[hit] = np.maximum(part[hit] - _HIT, -_MOST)
+        np.minimum(part, self._top, out=part)
+        part[hit] = np.maximum(part[hit] - self._hits, -_MOST * self._hits)
 
         def flat(chosen: NDArray[np.bool_]) -> Ints:
             rows, columns = np.nonzero(chosen)
             return np.asarray((rows + top) * self._score.shape[1] + columns + left)
 
-        return flat(hit), flat((through != 0) & (part == _SURE))
+        return flat(hit), flat((through != 0) & (part >= _SURE))
+
+
+def _weight(deviation: float) -> int:
+    """For how many beams that go on one counts that ends, so that walls and cells before differ.
+
+    The geometric mean of what a wall and the cell before it show: beams that go on there, by those
+    that end there. Where readings err by more than 2 cells both look alike, and 4 has to do.
+    """
+    beyond = [0.5 * math.erfc((n - 0.5) / (deviation * math.sqrt(2.0))) for n in range(-1, 2)]
+    before, wall = (beyond[n + 1] / max(beyond[n] - beyond[n + 1], 1e-9) for n in range(2))
+    return min(max(round(math.sqrt(before * wall)), 1), 4)

@@ -75,8 +75,8 @@ def declare(
     return add
 
 
-def time_to(cells: Counts, goal: float) -> int | None:
-    """The first step at which so many cells are known; None: never."""
+def time_to(cells: Counts, goal: NDArray[np.floating[Any]]) -> int | None:
+    """The first step at which so many cells are known, by step; None: never."""
     reached = np.flatnonzero(cells >= goal)
     return int(reached[0]) if len(reached) else None
 

@@ -17,15 +17,17 @@ _KNOWING = {"team": "somebody has known", "base": "the base knows"}
 
 
 def _cells(history: History, who: Who) -> Counts:
-    return history.free_team if who == "team" else history.free_base
+    """Those that count for shares of the reachable ones."""
+    return history.known_team if who == "team" else history.known_base
 
 
 def _percent_reachable(history: History, who: Who) -> float:
-    return 100 * int(_cells(history, who)[-1]) / history.reachable
+    return 100 * int(_cells(history, who)[-1]) / int(history.reachable[-1])
 
 
 def _percent_all(history: History, who: Who) -> float:
-    return 100 * int(_cells(history, who)[-1]) / history.free
+    cells = history.free_team if who == "team" else history.free_base
+    return 100 * int(cells[-1]) / int(history.free[-1])
 
 
 def _time(history: History, who: Who, share: int) -> int | None:
@@ -33,7 +35,7 @@ def _time(history: History, who: Who, share: int) -> int | None:
 
 
 def _area(history: History, who: Who) -> float:
-    return float(_cells(history, who).mean() / history.reachable)
+    return float((_cells(history, who) / history.reachable).mean())
 
 
 def _declare(who: Who) -> None:
@@ -98,4 +100,4 @@ def _mean_wait(history: History) -> float:
 )  # fmt: skip
 def _base_map_iou(history: History) -> float:
     right, believed = int(history.free_base[-1]), int(history.believed[-1, 0])
-    return right / (history.free + believed - right)
+    return right / (int(history.free[-1]) + believed - right)

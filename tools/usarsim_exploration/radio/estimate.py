@@ -70,8 +70,10 @@ class RadioEstimate:
 def _ranges(radio: Radio, reach: float, cell: float) -> NDArray[np.float64]:
     """The farthest distances with a link through 0 walls, 1, 2 ..., cells.
 
-    The last one holds for all that are more. Less than 1: there is none.
+    The last one holds for all that are more. Less than 0: there is none, not even in one cell.
     """
+    if reach <= 0.0:  # the radio is silent, whatever the model
+        return np.array([-1.0])
     most = _farthest(radio, reach, _ENDLESS, cell)
     found = [_farthest(radio, reach, 0, cell)]
     while radio.counts_walls and found[-1] > most:
@@ -80,7 +82,9 @@ def _ranges(radio: Radio, reach: float, cell: float) -> NDArray[np.float64]:
 
 
 def _farthest(radio: Radio, reach: float, walls: int, cell: float) -> float:
-    low, high = 0.5, _FARTHEST
+    if not radio.hears(0.0, reach, walls, cell):
+        return -1.0
+    low, high = 0.0, _FARTHEST
     while (middle := (low + high) / 2) not in (low, high):
         if radio.hears(middle, reach, walls, cell):
             low = middle

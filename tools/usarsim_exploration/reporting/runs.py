@@ -25,7 +25,7 @@ from usarsim_exploration.batches.batch_folder import FORMAT as BATCH_FORMAT
 from usarsim_exploration.batches.batch_folder import TIMING
 from usarsim_exploration.ending import End, Reason
 from usarsim_exploration.errors import ExplorationError
-from usarsim_exploration.log_files import read_areas
+from usarsim_exploration.log_files import read_shares
 from usarsim_exploration.reporting.survival import Time
 from usarsim_exploration.run_folder import FORMAT as RUN_FORMAT
 from usarsim_exploration.run_folder import RUN
@@ -206,12 +206,12 @@ def _single(table: Table, folder: Path, name: str) -> Run:
         scenario.table("radio").text("model"),
         scenario.text("backend", GRID),
     )
-    team, base, distance = read_areas(folder)
     reachable = environment.count("reachable", low=1, high=_LATEST)
+    team, base, distance = read_shares(folder, reachable)
     curves = Curves(
         np.arange(len(team), dtype=float),
-        team / reachable,
-        base / reachable,
+        team,
+        base,
         distance * setting.robots,
     )
     end = table.table("ended")

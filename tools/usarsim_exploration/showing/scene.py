@@ -129,8 +129,8 @@ def scene_of(result: Result) -> Scene:
         links_of(cycle),
         layers_of(cycle),
         [driven_in(history, step) for step in range(history.steps + 1)],
-        100 * int(history.free_team[-1]) / history.reachable,
-        100 * int(history.free_base[-1]) / history.reachable,
+        100 * int(history.known_team[-1]) / int(history.reachable[-1]),
+        100 * int(history.known_base[-1]) / int(history.reachable[-1]),
         result.scenario.radio,
         cycle.environment.cell,
     )

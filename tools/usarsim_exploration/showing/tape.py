@@ -13,15 +13,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_exploration.cycle import BASE
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.history import Counts
 from usarsim_exploration.log_files import AGENTS, read_history
 from usarsim_exploration.rendezvous import Meeting
 from usarsim_exploration.replaying import again, log_of
-from usarsim_exploration.run_folder import SCENARIO
+from usarsim_exploration.run_folder import load_run
 from usarsim_exploration.running import Run
-from usarsim_exploration.scenario import load
 from usarsim_exploration.showing.scene import (
     Cells,
     Figure,
@@ -121,7 +119,7 @@ class Tape:
             figure_of(body, self._selection(number)) for number, body in enumerate(cycle.bodies)
         )
         recorder = self.run.recorder
-        known = recorder.free_team, recorder.free_base, *recorder.areas[BASE + 1 :]
+        known = recorder.known_team, *recorder.known
         self.shares.append(tuple(100 * one / recorder.reachable for one in known))
         self._driven.append([driven_by(body, step) for body in cycle.bodies])
         self._moments.append(_Moment(figures, links_of(cycle)))
@@ -168,8 +166,8 @@ def tape_of(folder: Path, *, from_log: bool = False) -> Tape:
     Raises:
         UsarsimError: a file cannot be used.
     """
-    scenario = load(folder / SCENARIO, [])
+    scenario = load_run(folder)
     if not from_log:
         there = (folder / AGENTS).is_file()
-        return Tape(Run(scenario), read_history(folder, 0).cell if there else None)
-    return Tape(again(scenario, log_of(read_history(folder, 0))))
+        return Tape(Run(scenario), read_history(folder, scenario.rules, 0).cell if there else None)
+    return Tape(again(scenario, log_of(read_history(folder, scenario.rules, 0))))

@@ -16,6 +16,8 @@ from usarsim_server.fields import field
 class Greedy(Seeker):
     """The greatest size of a frontier over the length of the way to it, to a power."""
 
+    parts = True
+
     power: float = field(
         default=1.0, low=0.0, high=10.0, help="of the length; 0: the largest frontier, however far"
     )

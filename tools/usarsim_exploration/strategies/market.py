@@ -70,6 +70,8 @@ def sell(bids: Mapping[int, Bids], bundle: int, spacing: float) -> dict[int, lis
 class Market(Seeker):
     """Sequential auctions with bundles."""
 
+    parts = True
+
     bundle: int = field(default=3, low=1, high=100, help="frontiers that a robot may win at once")
     spacing: float = field(
         default=10.0, low=0.0, high=1000.0, unit="cells",
@@ -93,10 +95,16 @@ class Market(Seeker):
             if mate.number not in view.linked:  # it drives its tour, so nobody else needs to
                 told = dict.fromkeys(mate.letter.get("tour", ()), 0.0)
             bids[mate.number] = told
+        for mate in self.beside(view):  # what it told may be old, and so no bid for what is new
+            bids[mate.number] = bids[view.number]
         self._tour = sell(bids, self.bundle, self.spacing)[view.number]
-        if not self._tour:
-            return min(aims, key=lambda one: one.distance)
+        if not self._tour:  # who is left over, too, parts from others in its cell
+            nearest = sorted(aims, key=lambda one: one.distance)
+            return nearest[len(self.companions(view)) % len(nearest)]
         return min(aims, key=lambda one: straight(one.cell, self._tour[0]))
+
+    def guess(self, view: View, aims: Sequence[Aim]) -> None:
+        """Nothing: the auction has parted them, unless both are on the way to one place."""
 
     def letter(self, view: View) -> Letter:
         """Bids, made anew in the step before an auction, and the tour."""

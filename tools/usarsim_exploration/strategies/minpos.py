@@ -20,6 +20,8 @@ from usarsim_exploration.strategy import View, register
 class MinPos(Seeker):
     """The lowest rank; of equal ones the nearest."""
 
+    parts = True
+
     def choose(self, view: View, aims: Sequence[Aim]) -> Aim | None:
         """Rank of a frontier: how many teammates are nearer to it."""
         known = ways(view, aims, self.memory)

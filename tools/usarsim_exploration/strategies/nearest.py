@@ -19,6 +19,8 @@ from usarsim_exploration.strategy import View, register
 class Nearest(Seeker):
     """The shortest way first."""
 
+    parts = True
+
     def choose(self, view: View, aims: Sequence[Aim]) -> Aim | None:
         """The least distance."""
         return min(aims, key=lambda one: one.distance)

@@ -25,6 +25,8 @@ from usarsim_server.fields import field
 class NextBestView(Seeker):
     """Expected information for the way, with the map as it is or as it is predicted."""
 
+    parts = True
+
     decay: float = field(
         default=0.03, low=0.0, high=10.0, unit="1/cell",
         help="how fast the worth of a view falls with the way there",
@@ -53,6 +55,9 @@ class NextBestView(Seeker):
                 outlook.promise(cells[best : best + 1])
         away = np.array([aim.distance for aim in aims])
         return aims[int(self._worth(outlook.gains(cells), away).argmax())]
+
+    def guess(self, view: View, aims: Sequence[Aim]) -> None:
+        """Nothing: who chooses by number knows what those before it see."""
 
     def _worth(self, gains: NDArray[np.float64], away: NDArray[np.float64]) -> NDArray[np.float64]:
         worth: NDArray[np.float64] = (1.0 + gains) * np.exp(-self.decay * away)

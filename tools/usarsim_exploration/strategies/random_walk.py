@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from usarsim_exploration.exploring import go_home
-from usarsim_exploration.frontiers import find_frontiers
+from usarsim_exploration.frontiers import find_frontiers, passages
 from usarsim_exploration.strategy import Plan, Strategy, View, register
 from usarsim_exploration.walking import Surroundings, line
 from usarsim_server.fields import field
@@ -47,7 +47,8 @@ class RandomWalk(Strategy):
     def decide(self, view: View) -> Plan | None:
         """A new step when the last one is made."""
         if view.step % self.look == 0:
-            self._done = not find_frontiers(view.known)
+            narrow = view.rules.narrow and passages(view.known)
+            self._done = not (narrow or find_frontiers(view.known))
             if self._done:
                 return go_home(view)
         if self._done or (view.path and not view.blocked):
@@ -70,6 +71,7 @@ class RandomWalk(Strategy):
             if path and around.room(path[-1]) >= need and around.passable(view.cell, path):
                 self._course = course
                 return Plan(path)
-            length = max(length - 1, _SHORTEST)
+            shortest = 1 if view.rules.narrow and attempt >= _TRIES // 2 else _SHORTEST
+            length = max(length - 1, shortest)
         self._course = course
         return Plan([])

@@ -25,6 +25,8 @@ from usarsim_server.fields import field
 class Voronoi(Seeker):
     """Explores its own part, the best gain for the way first."""
 
+    parts = True
+
     gain: float = field(
         default=0.5, low=0.0, high=4.0,
         help="power of a frontier's size in its worth: 0 takes the nearest",

@@ -31,6 +31,8 @@ _APART = 12
 class WallFollow(Seeker):
     """The right-hand rule."""
 
+    parts = True
+
     near: float = field(
         default=2.5, low=1.0, high=100.0, unit="cells", help="least distance to the wall"
     )
@@ -56,6 +58,8 @@ class WallFollow(Seeker):
         if self._home or (self._seeking and view.path and not view.blocked):
             return self._seek(view)
         if not self._seeking and self._remember(view):
+            return self._seek(view)
+        if self.companions(view):  # they follow this wall
             return self._seek(view)
         around = Surroundings(view.known, view.cell, self._ahead(view) + int(self.near) + 3)
         if around.room(view.cell) >= self.near + self.band:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Environment
-from usarsim_exploration.worlds.world import World, settle
+from usarsim_exploration.worlds.world import World, scale_of, settle
 from usarsim_maps.files import open_picture
 from usarsim_server.errors import WorldError, at
 from usarsim_server.files import Folders, replacing, write_text
@@ -46,12 +46,18 @@ class Rules:
             around it; None: the world is as large as the map.
         limit: columns and rows of the largest map.
         cell: width of a cell, m; None: as the file or the form says.
+        bodies: robots have some: distances that places keep are metres.
     """
 
     compat: bool = False
     canvas: tuple[int, int] | None = None
     limit: tuple[int, int] = LARGEST
     cell: float | None = None
+    bodies: bool = False
+
+    def scale(self, cell: float) -> float:
+        """See `start_around`. cell: width of one, m."""
+        return scale_of(cell) if self.bodies else 1.0
 
 
 def load_world(path: Path, rules: Rules) -> World:
@@ -61,7 +67,8 @@ def load_world(path: Path, rules: Rules) -> World:
         WorldError: naming the file, what is wrong, and the cure.
     """
     if rules.compat and path.suffix.lower() not in MAP_SERVERS:
-        return settle(_as_mresim(path, rules), path.stem)
+        environment = _as_mresim(path, rules)
+        return settle(environment, path.stem, scale=rules.scale(environment.cell))
     # only now: it brings MuJoCo, 20 MiB that shipped environments do without
     from usarsim_maps.grids.occupancy import load_grid
     from usarsim_maps.reader import Context
@@ -76,7 +83,7 @@ def load_world(path: Path, rules: Rules) -> World:
         if 0 <= column < columns and 0 <= row < rows:
             all_rows, all_columns = environment.shape
             wanted = column + (all_columns - columns) // 2, row + (all_rows - rows) // 2
-    world = settle(environment, path.stem, wanted)
+    world = settle(environment, path.stem, wanted, scale=rules.scale(environment.cell))
     notes = tuple(f"{one.subject}: {one.text}" for one in context.findings.warnings())
     return replace(world, notes=notes)
 

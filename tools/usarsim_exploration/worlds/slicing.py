@@ -61,7 +61,8 @@ def slice_world(folder: Path, rules: Rules) -> World:
     place = _base(description, facts.get("base"))
     wanted = int((place[0] - west) / cell), int((north - place[1]) / cell)
     _enclose(walls, wanted)
-    return settle(Environment(description.name, walls, cell), description.title, wanted)
+    environment = Environment(description.name, walls, cell)
+    return settle(environment, description.title, wanted, scale=rules.scale(cell))
 
 
 def _enclose(walls: NDArray[np.uint8], cell: Cell) -> None:

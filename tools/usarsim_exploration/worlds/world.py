@@ -22,7 +22,10 @@ DRAWS: tuple[Draw, ...] = get_args(Draw)
 """How the seed may draw places."""
 STARTS = 16
 _ROOMS = ((8, 4), (4, 2), (2, 1), (1, 1))
-"""Cells between two starts, and from a start to a wall: as much as there is room for."""
+"""Cells between two starts, and from a start to a wall: as much as there is room for. Where robots
+have bodies, lengths of `TENTH` m stand for these."""
+TENTH = 0.1
+"""m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +53,12 @@ class World:
 
 
 def settle(
-    environment: Environment, title: str, wanted: Cell | None = None, *, anywhere: bool = False
+    environment: Environment,
+    title: str,
+    wanted: Cell | None = None,
+    *,
+    anywhere: bool = False,
+    scale: float = 1.0,
 ) -> World:
     """Find a place for the base and for the robots.
 
@@ -61,30 +69,57 @@ def settle(
     Args:
         environment: to explore. title: of the world.
         wanted: cell near which the base stands.
-        anywhere: all free cells count as inside.
+        anywhere: all free cells count as inside. scale: see `start_around`.
 
     Raises:
         WorldError: there is no free cell.
     """
     part = _main_part(environment, environment.walls == 0 if anywhere else environment.inside)
     clear = np.where(part, clearance(environment.walls), 0)
-    room = min(_ROOMS[0][1], int(clear[part].max()))
+    room = min(_cells(_ROOMS[0][1], scale), int(clear[part].max()))
     if wanted is None:
         base = _cell(np.where(part, -clear, 1))
     else:
         rows, columns = np.indices(part.shape)
         away = (rows - wanted[1]) ** 2 + (columns - wanted[0]) ** 2
         base = _cell(np.where(part & (clear >= room), away, away.max() + 1))
-    return World(environment, title, base, _starts(environment, clear, base))
+    return World(environment, title, base, _starts(environment, clear, base, scale))
 
 
-def draw_places(environment: Environment, title: str, where: Draw, seed: int) -> World:
+def start_around(environment: Environment, base: Cell, scale: float = 1.0) -> tuple[Cell, ...]:
+    """Places for robots from which the base can be reached, inside if it is.
+
+    Args:
+        environment: to explore. base: a free cell.
+        scale: cells that stand for one of the distances that starts keep.
+    """
+    part = environment.reachable(base)
+    if environment.inside[base[1], base[0]]:
+        part &= environment.inside
+    clear = np.where(part, clearance(environment.walls), 0)
+    return _starts(environment, clear, base, scale)
+
+
+def scale_of(cell: float) -> float:
+    """Cells of a width, m, that are as long as `TENTH`."""
+    return TENTH / cell
+
+
+def _cells(length: int, scale: float) -> int:
+    """Cells, at least one, that are as long as so many when `scale` of them are one."""
+    return max(1, round(length * scale))
+
+
+def draw_places(
+    environment: Environment, title: str, where: Draw, seed: int, scale: float = 1.0
+) -> World:
     """The same for the same seed, whoever explores; places are inside, as those of `settle`.
 
     Args:
         environment: to explore. title: of the world.
         where: with room around; on cells beside walls; or among the tenth of the cells that have
             the longest way to a wall. seed: of the base's place; robots start near it.
+        scale: see `start_around`.
 
     Raises:
         WorldError: there is no free cell.
@@ -96,14 +131,15 @@ def draw_places(environment: Environment, title: str, where: Draw, seed: int) ->
     elif where == "drawn in the open":
         allowed = part & (clear >= np.quantile(clear[part], 0.9))
     else:
-        allowed = part & (clear >= min(_ROOMS[0][1], int(clear[part].max())))
+        room = min(_cells(_ROOMS[0][1], scale), int(clear[part].max()))
+        allowed = part & (clear >= room)
     cells = np.argwhere(allowed)
     random = np.random.Generator(np.random.PCG64([seed, len(cells)]))
     row, column = cells[random.integers(len(cells))].tolist()
     if where == "drawn at a wall":  # robots, too
-        clear = np.where(allowed, _ROOMS[0][1], 0)
+        clear = np.where(allowed, _cells(_ROOMS[0][1], scale), 0)
     base = column, row
-    return World(environment, title, base, _starts(environment, clear, base))
+    return World(environment, title, base, _starts(environment, clear, base, scale))
 
 
 def _main_part(environment: Environment, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -128,13 +164,16 @@ def _cell(costs: NDArray[np.int64]) -> Cell:
     return column, row
 
 
-def _starts(environment: Environment, clear: NDArray[np.int64], base: Cell) -> tuple[Cell, ...]:
+def _starts(
+    environment: Environment, clear: NDArray[np.int64], base: Cell, scale: float
+) -> tuple[Cell, ...]:
     free = (environment.walls == 0).astype(np.uint8)
     costs, _ = flood(free, np.array([base], np.int64), free.size, EVERYWHERE)
     order = np.argsort(costs, axis=None, kind="stable")[1:]
     order = order[costs.reshape(-1)[order] < np.iinfo(costs.dtype).max]
     found: list[Cell] = []
-    for apart, room in _ROOMS:
+    for rooms in _ROOMS:
+        apart, room = (_cells(length, scale) for length in rooms)
         open_ = clear >= room
         found = []
         for taken in (base,):
