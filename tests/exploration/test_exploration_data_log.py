@@ -7,11 +7,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from small_world import small
+from small_world import ROOMS, small
 
 from usarsim_exploration.history import RETURNING
 from usarsim_exploration.known_map import FREE
-from usarsim_exploration.log_files import ROBOT_COLUMNS, TEAM_COLUMNS, steps_csv
+from usarsim_exploration.log_files import (
+    ROBOT_COLUMNS,
+    SHARE_COLUMNS,
+    TEAM_COLUMNS,
+    steps_csv,
+)
 from usarsim_exploration.running import Run
 
 
@@ -91,7 +96,7 @@ def recount(past: list[list[dict[str, Any]]], free: int) -> dict[str, float]:
 def test_twenty_random_steps(tmp_path: Path) -> None:
     """E-73: columns have names, and values equal an independent recount at 20 random steps."""
     loss = {"step": 25, "kind": "loss", "robot": "R2"}
-    options = "strategy.name=role-based", "team.radio=4.0", "end.home=false", "end.steps=60"
+    options = "strategy.name=role-based", "team.radio=3.0", "end.home=false", "end.steps=60"
     one = Run(small(tmp_path, *options, "end.base=off", tables={"event": [loss]}))
     past, traffic = [look(one)], [(one.cycle.cells_sent, one.cycle.bytes_sent)]
     while one.step():
@@ -103,11 +108,14 @@ def test_twenty_random_steps(tmp_path: Path) -> None:
     assert history.steps == 60 == len(past) - 1
     log = list(csv.DictReader(io.StringIO(steps_csv(history))))
     heads = [*TEAM_COLUMNS, *(f"R{n}_{name}" for n in (1, 2) for name in ROBOT_COLUMNS)]
+    heads += SHARE_COLUMNS
     assert list(log[0]) == heads
     for step in np.random.default_rng(73).choice(61, 20, replace=False).tolist():
         told = {name: float(value) for name, value in log[step].items()}
-        hand = recount(past[: step + 1], history.free)
+        hand = recount(past[: step + 1], int(history.free[step]))
         hand |= {"cells_sent": traffic[step][0], "bytes_sent": traffic[step][1]}
+        hand |= {"reachable_cells": ROOMS.count(".")}  # all are
+        hand |= {f"{who}_reachable": hand[f"{who}_area"] for who in ("team", "base")}
         for number in (1, 2):
             name = f"R{number}_believed_at_base"
             hand[name] = hand[f"R{number}_believed"] - hand[f"R{number}_own"]

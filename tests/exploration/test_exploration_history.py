@@ -84,7 +84,7 @@ def test_counts_are_those_of_the_maps() -> None:
         assert history.free_base[-1] == history.area[-1, 0]
         assert history.free_team[-1] == np.count_nonzero(union)
     assert history.steps == 30
-    assert history.free == np.count_nonzero(walls == 0) == history.reachable + 1
+    assert history.free[-1] == np.count_nonzero(walls == 0) == history.reachable[-1] + 1
     assert history.own[-1, 1] + history.at_base[-1, 1] == history.believed[-1, 1]
     assert not history.found[20:, 2].any()
     assert history.works[:, 2].sum() == 20

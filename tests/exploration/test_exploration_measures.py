@@ -17,6 +17,7 @@ from usarsim_exploration.measures.base import DECLARED, declare, jain, lasting
 from usarsim_exploration.measures.contacts import HALF, Contacts
 from usarsim_exploration.measures.map_error import MapError, map_error
 from usarsim_exploration.measures.reality import Ways
+from usarsim_exploration.rules import NEWEST
 from usarsim_exploration.worlds import find
 
 ROWS, BODIES = 6, 3
@@ -34,8 +35,9 @@ def by_hand(**changed: Any) -> History:
     found: dict[str, Any] = {name: np.zeros(shape, int) for name, shape in numbers.items()}
     found |= {
         "names": ("Base", "R1", "R2"),
-        "free": 125,
-        "reachable": 100,
+        "by_rules": NEWEST,
+        "free": np.full(rows, 125),
+        "reachable": np.full(rows, 100),
         "role": np.tile(["base", "explorer", "relay"], (ROWS, 1)),
         "state": np.full(bodies, "explore"),
         "moves": np.full(bodies, "", dtype="<U4"),
@@ -44,7 +46,9 @@ def by_hand(**changed: Any) -> History:
         "linked_base": np.ones(bodies, bool),
         "links": tuple(np.zeros((0, 2), int) for _ in range(ROWS)),
     }
-    return History(**found | {name: np.array(value) for name, value in changed.items()})
+    found |= {name: np.array(value) for name, value in changed.items()}
+    known = {f"known_{who}": found[f"free_{who}"] for who in ("team", "base")}
+    return History(**known | found)
 
 
 def told(**changed: Any) -> dict[str, Any]:

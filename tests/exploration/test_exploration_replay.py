@@ -26,7 +26,7 @@ def test_a_run_out_of_its_log(tmp_path: Path) -> None:
     scenario = small(tmp_path, "end.base=off", tables={"event": events})
     result = run(scenario)
     run_folder.write(result, tmp_path / "out", {})
-    read = read_history(tmp_path / "out", result.history.reachable)
+    read = read_history(tmp_path / "out", scenario.rules, 0)
     again = replay(scenario, log_of(read))
     assert agents_csv(again.history) == agents_csv(result.history)
     assert again.history.free_base.tolist() == result.history.free_base.tolist()

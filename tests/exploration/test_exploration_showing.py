@@ -43,7 +43,7 @@ def taped(folder: Path, *options: str, **tables: object) -> Tape:
 @pytest.fixture
 def scene(tmp_path: Path) -> Scene:
     """A step in which there is something of everything; two robots meet on both sides of a wall."""
-    found = taped(tmp_path, "end.steps=8").scene(8)
+    found = taped(tmp_path, "end.steps=14").scene(14)
     base, one, other = found.figures
     place = np.array([[10, 2]])
     chosen = Selection((20, 5), place, ((10, 2),), np.array([[6, 9], [16, 2]]), np.array([[16, 2]]))
@@ -130,7 +130,7 @@ def test_steps_in_any_order(tmp_path: Path) -> None:
 def test_the_map_of_a_result_is_the_last_picture(tmp_path: Path) -> None:
     """E-78: `map.png` and the last step come from the same drawer; also after bumps and a loss."""
     events = [
-        {"step": 3, "kind": "close", "cells": [9, 4, 9, 9]},
+        {"step": 6, "kind": "close", "cells": [9, 4, 9, 9]},
         {"step": 8, "kind": "loss", "robot": "R2"},
     ]
     tape = taped(tmp_path, "end.steps=30", event=events)

@@ -203,6 +203,20 @@ def read_shares(folder: Path, reachable: int) -> tuple[Floats, Floats, Floats]:
     return team / whole, base / whole, column("mean_distance", float)
 
 
+def first_difference(one: History, other: History) -> str | None:
+    """Where the agent logs of two runs differ for the first time; None: they are equal."""
+    lines = agents_csv(one).splitlines(), agents_csv(other).splitlines()
+    heads = lines[0][0].split(",")
+    for number, (first, second) in enumerate(zip(*lines, strict=False), 1):
+        if first != second:
+            pairs = zip(heads, *(next(csv.reader([line])) for line in (first, second)), strict=True)
+            told = next(f"{head} is {a}, not {b}" for head, a, b in pairs if a != b)
+            return f"{AGENTS}, line {number}: {told}"
+    if len(lines[0]) != len(lines[1]):
+        return f"{AGENTS}: {len(lines[0]) - 1} rows, not {len(lines[1]) - 1}"
+    return None
+
+
 class _Rows:
     """A CSV file with a header."""
 
