@@ -10,6 +10,7 @@ from usarsim_exploration import run_folder
 from usarsim_exploration.history import History
 from usarsim_exploration.running import run
 from usarsim_exploration.scenario import load, read
+from usarsim_server.errors import UsarsimError
 
 CASES = Path(__file__).parent / "cases"
 
@@ -103,3 +104,11 @@ def test_noise_does_not_end_runs_early(noise: float, least: float) -> None:
     """One bad beam makes no certain wall."""
     result = run(read({"environment": {"name": "lab"}, "team": {"robots": 2, "noise": noise}}))
     assert result.history.known_base[-1] >= least * result.history.reachable[-1]
+
+
+def test_a_picture_that_is_none(tmp_path: Path) -> None:
+    """It is said in words, not as a reader's own KeyError."""
+    (tmp_path / "none.png").write_bytes(b"hello")
+    with pytest.raises(UsarsimError, match=r"none\.png: the picture cannot be read") as told:
+        read({"environment": {"name": str(tmp_path / "none.png")}})
+    assert "KeyError" not in str(told.value)

@@ -36,7 +36,7 @@ HEAD = 4096
 MAX_PIXELS = 64 << 20
 """Larger pictures are not opened: 64 megapixels take 192 MB."""
 
-FORMATS = ("PNG", "JPEG", "TGA", "DDS", "BMP", "TIFF", "WEBP", "GIF", "PPM", "MPO")
+FORMATS = ("PNG", "JPEG", "TGA", "DDS", "BMP", "TIFF", "WEBP", "GIF", "PPM")  # JPEG brings MPO
 """That are decoded, whatever the name says. Pillow knows some that start other programs."""
 
 USUAL = {"meshes", "staticmeshes", "textures", "materials", "models", "assets", "images"}
