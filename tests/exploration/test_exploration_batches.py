@@ -73,6 +73,18 @@ def test_a_batch_of_ten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert len(timing) == 1 + 10 - len(failed)
 
 
+@pytest.mark.parametrize(("base", "one"), [([3, 3], True), ("drawn", False)])
+def test_seeds_that_draw_nothing_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], base: object, one: bool
+) -> None:
+    """Runs from fixed starts are the same for each seed: one sample."""
+    kit = {"base": base, "speed": 2.0, "reach": 8, "radio": 6.0}
+    path = batch_file(tmp_path, team=kit, teams=[1], strategies=["frontier"], seeds=3)
+    bench(path, tmp_path / "out", "--jobs", "0")
+    told = "rooms.txt/1/frontier/circle: 3 seeds gave the same run, so they are one sample"
+    assert (told in capsys.readouterr().out) is one
+
+
 def test_results_have_the_promised_form(tmp_path: Path) -> None:
     """EXP-20: what a report reads: keys, measures of run.json, curves to the end of the run."""
     _, found = bench(batch_file(tmp_path), tmp_path / "out", "--jobs", "0")

@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -22,6 +22,7 @@ TEAM = """\
 2 Rex 389 298 1.5707963267948966 20 60 1000 Relay 1 3
 3 Ada 387 298 -9.42477796076938 20 60 1000 Explorer 2 0
 """
+FRONTIER: dict[str, object] = {"strategy": "FrontierExploration"}
 LINES = [
     "FrontierExploration", "UtilReturn", "null", "DirectLine", "false", "/a/log.txt", "true",
     "/a/data.txt", "false", "null", "true", "false", "true", "false", "10", "false", "true",
@@ -101,6 +102,34 @@ def test_settings(tmp_path: Path, count: int) -> None:
 
 
 @pytest.mark.parametrize(
+    ("changed", "kept", "dropped"),
+    [
+        ({}, {"switch": False}, ""),
+        ({"role_switch": True}, {"switch": True}, ""),
+        ({"role_switch": True, "strict_role_switch": True}, {"switch": True}, "strict_role_switch"),
+        ({"improved_rendezvous": False}, {}, "improved"),
+        ({"explorer_replans": True}, {}, "explorer_replans"),
+        ({"explorer_replans": True, "multi_point": False}, {}, ""),
+        ({"relay_to_explorer": True}, {}, "relay_to_explorer"),
+        ({"single_meeting_time": True}, {}, "single_meeting_time"),
+        ({"relay_explores": True, "density": 90.0}, {"relay_explores": True, "density": 90.0}, ""),
+        (FRONTIER | {"to_range": True}, {}, ""),
+        (FRONTIER | {"policy": "UtilReturn", "to_range": True}, {}, "to_range"),
+    ],
+)  # fmt: skip
+def test_options_are_kept_or_told(
+    changed: dict[str, object], kept: dict[str, object], dropped: str
+) -> None:
+    """What a strategy of ours has no key for is named; runs end when all are home, as MRESim's."""
+    found = replace(Settings(multi_point=True, improved_rendezvous=True), **changed)  # type: ignore[arg-type]
+    strategy = found.content["strategy"]
+    assert isinstance(strategy, dict)
+    assert kept.items() <= strategy.items()
+    assert [one.partition(":")[0] for one in found.dropped] == ([dropped] if dropped else [])
+    assert found.content["end"] == {"of": "all", "home": True}
+
+
+@pytest.mark.parametrize(
     ("number", "text", "told"),
     [
         (1, "Frontier", "line 1, strategy: 'Frontier' is not known (write one of"),
@@ -167,7 +196,9 @@ def test_a_batch(team: Path, tmp_path: Path) -> None:
     assert told["scenario"]["strategy"]["target"] == 0.5
 
 
-def test_role_based_runs_of_a_batch(team: Path, tmp_path: Path) -> None:
+def test_role_based_runs_of_a_batch(
+    team: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """E-12: keys of the one kind are needed only there; options that ours has are taken over."""
     options = {"multiPoint": "true", "baseRange": "true", "samplingDensity": "100"}
     options |= {"strategy": "role-based", "relayExplore": "true", "rvcalc": "improved"}
@@ -184,8 +215,13 @@ def test_role_based_runs_of_a_batch(team: Path, tmp_path: Path) -> None:
         strategy = content["strategy"]
         assert isinstance(strategy, dict)
         assert strategy["name"] == f"role-based-{name}-point"
-        assert strategy["relay_explores"] is True
+        assert strategy["relay_explores"] is strategy["switch"] is True
         assert strategy.get("density") == (100.0 if multi == "true" else None)
+    replans = {"strategy": "role-based", "multiPoint": "true", "exploreReplan": "true"}
+    file.write_text(json.dumps(batch(**options | later | replans)))
+    assert cli.main(["explore", "import", str(file), "--out", str(tmp_path / "out")]) == 0
+    told = capsys.readouterr().err
+    assert told.startswith(f"{tmp_path / 'out' / 'out-two'}: dropped explorer_replans: multi-point")
 
 
 @pytest.mark.parametrize(

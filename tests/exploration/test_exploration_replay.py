@@ -57,16 +57,17 @@ def test_another_radio(tmp_path: Path) -> None:
     assert steps_csv(again.history) != steps_csv(result.history)
 
 
+@pytest.mark.parametrize("goal", ["20 5", "20.0 5.0", "20.0 5"])
 @pytest.mark.parametrize("spare", ["", " 17"])
-def test_logs_of_mresim(tmp_path: Path, spare: str) -> None:
-    """E-72: 6 and 7 values for each robot; the way from cell to cell leads round walls."""
+def test_logs_of_mresim(tmp_path: Path, spare: str, goal: str) -> None:
+    """E-72: 6 and 7 values for each robot, goals as Java writes them; ways lead round walls."""
     places = [((3, 3), (4, 3)), ((8, 3), (4, 5)), ((12, 3), (4, 6)), ((14, 3), (4, 6))]
     lines = []
     for step, (one, other) in enumerate(places):
         robots = (("BaseStation", (3, 3)), ("Explorer", one), ("Relay", other))
         state = "Explore" if step else "Initial"
         lines.append(
-            f"{step} " + " ".join(f"{x} {y} 20 5 {r} {state}{spare}" for r, (x, y) in robots)
+            f"{step} " + " ".join(f"{x} {y} {goal} {r} {state}{spare}" for r, (x, y) in robots)
         )
     (tmp_path / "loc.txt").write_text("\n".join(lines) + "\n")
     scenario = small(tmp_path)
@@ -89,6 +90,7 @@ def test_logs_of_mresim(tmp_path: Path, spare: str) -> None:
         ("0 3 3 1 1 BaseStation", "line 1: 5 values after the step are not 6 or 7"),
         ("0 3 3 1 1 Chef Initial", "line 1: 6 values"),
         ("x 3 3 1 1 BaseStation Initial", "line 1: 6 values"),
+        ("0 3 3 1.5 1 BaseStation Initial", "line 1: 6 values"),
         ("0 0 0 1 1 BaseStation Initial", "line 1: [0, 0] is a wall or outside"),
         ("", "there is no step"),
     ],

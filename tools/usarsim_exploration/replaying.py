@@ -7,6 +7,7 @@ is the exception: what strategies wrote in their letters is not in the log.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -25,6 +26,7 @@ from usarsim_server.errors import at
 from usarsim_server.toml import read_text
 
 _ANY_SPEED = 1e6
+_NUMBER = re.compile(r"-?[0-9]{1,9}(\.0*)?")
 _CURE = "give the log of a run of this scenario"
 _ROLES: dict[str, Role] = {"explorer": "explorer", "relay": "relay", "basestation": "base"}
 
@@ -180,7 +182,7 @@ def _robots(values: list[str], where: str, path: Path) -> list[tuple[Cell, Cell,
         raise ExplorationError(at(path, problem, _CURE, where=where))
     rows = [values[first : first + wide] for first in range(1, len(values), wide)]
     return [
-        ((int(x), int(y)), (int(gx), int(gy)), _ROLES[role.lower()], state)
+        ((_whole(x), _whole(y)), (_whole(gx), _whole(gy)), _ROLES[role.lower()], state)
         for x, y, gx, gy, role, state, *_ in rows
     ]
 
@@ -189,9 +191,13 @@ def _fits(values: list[str], wide: int) -> bool:
     """Whether the values repeat as four whole numbers, a role, a state."""
     rows = [values[first : first + wide] for first in range(0, len(values), wide)]
     return all(
-        row[4].lower() in _ROLES and all(one.lstrip("-").isdecimal() for one in row[:4])
-        for row in rows
+        row[4].lower() in _ROLES and all(_NUMBER.fullmatch(one) for one in row[:4]) for row in rows
     )
+
+
+def _whole(text: str) -> int:
+    """A whole number, also one that Java wrote as it writes doubles (`50.0`)."""
+    return int(text.partition(".")[0])
 
 
 def _way(environment: Environment, start: Cell, goal: Cell) -> Sequence[Cell]:

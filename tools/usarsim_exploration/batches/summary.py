@@ -30,6 +30,25 @@ def summary(rows: Iterable[Row]) -> str:
     return table(("STRATEGY", "RUNS", "FAILED", *SHOWN), lines)
 
 
+def alike(rows: Iterable[Row]) -> list[str]:
+    """What to say of groups of runs, equal but for the seed, that all came to the same logs.
+
+    Nothing in such runs was drawn by the seed, so they are one sample, not many.
+    """
+    found: dict[str, list[str]] = {}
+    for row in rows:
+        if "error" not in row:
+            parts = (row["environment"], row.get("team", row["robots"]), row["strategy"])
+            key = "/".join(map(str, (*parts, row["radio"])))
+            found.setdefault(key, []).append(row["digest"])
+    return [
+        f"{key}: {len(ones)} seeds gave the same run, so they are one sample "
+        '(let the seed draw starts, with [team] base = "drawn" and no start of a robot)'
+        for key, ones in found.items()
+        if len(ones) > 1 and len(set(ones)) == 1
+    ]
+
+
 def _cell(values: Sequence[float]) -> str:
     if not values:
         return "-"

@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     from usarsim_exploration.batches.batch_file import Job, find_batch
     from usarsim_exploration.batches.batch_folder import FORMAT, TIMING, timing_csv
     from usarsim_exploration.batches.playing import play
-    from usarsim_exploration.batches.summary import summary
+    from usarsim_exploration.batches.summary import alike, summary
 
     batch = find_batch(arguments.batch)
     if arguments.strategy:
@@ -78,6 +78,8 @@ def run(arguments: argparse.Namespace) -> int:
     bad = sum(bool(one.error) for one in outcome)
     told = sys.stderr if arguments.watch == "json" else sys.stdout
     print(summary(one.row for one in outcome), file=told)
+    for line in alike(outcome.of(job).row for job in inorder):
+        print(line, file=told)
     print(
         f"{arguments.out / RESULT}: {len(jobs)} runs, {bad} failed, "
         f"{spent / 60:.1f} min of processor", file=told,

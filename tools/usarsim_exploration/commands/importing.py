@@ -11,7 +11,8 @@ from usarsim_server.cli.common import Subparsers, add_command
 _EPILOG = (
     "FILE is a team file of MRESim, which needs --map, or a batch file (JSON). Each run becomes a "
     "folder with scenario.toml and its map, ready for `usarsim explore run`; --run runs them at "
-    "once. Maps are read by MRESim's rules. Exit code 1 if a run failed."
+    "once. Maps are read by MRESim's rules, and options that ours has not are told. Exit code 1 if "
+    "a run failed."
 )
 
 
@@ -47,14 +48,21 @@ def run(arguments: argparse.Namespace) -> int:
     file: Path = arguments.file
     frontier = Settings(strategy="FrontierExploration", keep_assigning=True)
     settings = read_settings(arguments.settings) if arguments.settings else frontier
+    told: list[str] = []
+
+    def drop(name: str, settings: Settings) -> None:
+        told.extend(f"{arguments.out / name}: dropped {one}" for one in settings.dropped)
+
     if is_batch(file):
-        found = read_batch(file, settings)
+        found = read_batch(file, settings, drop)
     elif arguments.map is None:
         raise ExplorationError(at(file, "a team needs a map", "give --map FILE"))
     else:
+        drop("", settings)
         place = {"name": str(arguments.map.absolute()), "compat": True}
         found = [("", {"environment": place} | settings.content | read_team(file))]
     scenarios = [(name, read({"seed": arguments.seed} | one, file)) for name, one in found]
+    print(*told, sep="\n", end="\n" * bool(told), file=sys.stderr)
     failed = 0
     for name, scenario in scenarios:
         folder = arguments.out / name

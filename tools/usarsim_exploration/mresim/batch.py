@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path, PureWindowsPath
 
@@ -26,7 +27,9 @@ def is_batch(path: Path) -> bool:
     return read_text(path, ExplorationError).lstrip().startswith("{")
 
 
-def read_batch(path: Path, base: Settings) -> list[tuple[str, Content]]:
+def read_batch(
+    path: Path, base: Settings, drop: Callable[[str, Settings], None] = lambda name, settings: None
+) -> list[tuple[str, Content]]:
     """The runs of a batch: name of the folder of each, and its scenario.
 
     Files are looked for below `baseDir`, or, where that is a folder of somebody else's computer,
@@ -34,6 +37,7 @@ def read_batch(path: Path, base: Settings) -> list[tuple[str, Content]]:
 
     Args:
         path: of the file. base: what MRESim had set before, such as the radio model.
+        drop: told the name and the settings of each run, to say what they drop.
 
     Raises:
         ExplorationError: naming the run, what is wrong with it, and the cure.
@@ -56,6 +60,7 @@ def read_batch(path: Path, base: Settings) -> list[tuple[str, Content]]:
         out = _portable(run.text("outputDir"))
         name = "-".join(part for part in out.parts if part not in ("..", "/"))
         run.finish()
+        drop(name, settings)
         place = {"name": str(environment.absolute()), "compat": True}
         found.append((name, {"environment": place} | settings.content | read_team(team)))
     table.finish()

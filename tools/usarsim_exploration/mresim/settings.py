@@ -36,6 +36,16 @@ _POLICIES = {
     "UtilReturn": "ratio",
 }
 
+_INSTEAD = {
+    "improved": "meeting points are always the improved ones",
+    "strict_role_switch": "robots switch by the longer way alone",
+    "explorer_replans": "the explorer keeps to the meeting point that was agreed upon",
+    "relay_to_explorer": "the relay keeps to its own meeting point",
+    "single_meeting_time": "the time is that of two points",
+    "to_range": "robots drive towards the base until they hear it",
+}
+"""What ours does instead of options that it has not."""
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -83,8 +93,27 @@ class Settings:
             "links": "before",
             "radio": RADIOS[self.radio],
             "strategy": {"name": self.ours, **self._options(self.ours)},
-            "end": {"of": "all", "home": False},
+            "end": {"of": "all", "home": True},
         }
+
+    @property
+    def dropped(self) -> list[str]:
+        """Options that these settings choose and that our strategy has not, and what it does."""
+        if self.strategy == "RoleBasedExploration":
+            kind = "multi-point" if self.multi_point else "single-point"
+            chosen = {
+                "improved": not self.improved_rendezvous,
+                "strict_role_switch": self.role_switch and self.strict_role_switch,
+            }
+            if self.multi_point:
+                chosen |= {
+                    "explorer_replans": self.explorer_replans,
+                    "relay_to_explorer": self.relay_to_explorer,
+                    "single_meeting_time": self.single_meeting_time,
+                }
+        else:
+            kind, chosen = self.ours, {"to_range": self.to_range and self.ours == "ratio"}
+        return [f"{one}: {kind}: {_INSTEAD[one]}" for one, held in chosen.items() if held]
 
     @property
     def ours(self) -> str:
@@ -100,14 +129,9 @@ class Settings:
         options = {
             "target": self.target,
             "keep_assigning": self.keep_assigning,
-            "to_range": self.to_range,
             "density": self.density,
-            "role_switch": self.role_switch,
-            "improved": self.improved_rendezvous,
+            "switch": self.role_switch,
             "relay_explores": self.relay_explores,
-            "explorer_replans": self.explorer_replans,
-            "relay_to_explorer": self.relay_to_explorer,
-            "single_meeting_time": self.single_meeting_time,
         }
         declared = {key.key for key in keys(TYPES.find(name, "strategy"))}
         return {key: value for key, value in options.items() if key in declared}
