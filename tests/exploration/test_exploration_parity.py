@@ -95,7 +95,7 @@ def test_coverage_follows_the_curve() -> None:
     """EXP-23: map A, frontier: the team's mean within five points at each 50 steps."""
     runs = histories("A", FRONTIER)
     for step, percent in CURVE.items():
-        ours = [100 * one.free_team[min(step, one.steps)] / one.free for one in runs]
+        ours = [100 * one.free_team[min(step, one.steps)] / one.free[0] for one in runs]
         assert abs(np.mean(ours) - percent) <= 5, (step, np.mean(ours))
 
 

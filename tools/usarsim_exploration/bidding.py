@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -134,6 +135,9 @@ class Bidding:
         of passages; those beside wide space, where as a rule a wall has not been seen whole, only
         when the base lacks nothing that the robot could bring it.
         """
+        if view.rules.mresim:
+            found = [one for one in map(partial(self._aim, view), frontiers) if one is not None]
+            return _best(view, found)[:considered]
         found = self._reached(view, frontiers)
         if not found and view.rules.narrow:
             found = self._reached(view, passages(view.known))
@@ -150,14 +154,18 @@ class Bidding:
             if cell is None:
                 continue
             found.append(Aim(one, cell, here.distance(cell)))
-        column, row = view.cell
-        found.sort(
-            key=lambda aim: (
-                -aim.frontier.size
-                / max(float(np.hypot(aim.cell[0] - column, aim.cell[1] - row)), 1.0)
-            )
-        )
-        return found
+        return _best(view, found)
+
+    def _aim(self, view: View, one: Frontier) -> Aim | None:
+        """The middle of a frontier, by MRESim's rules, if it can be reached."""
+        here, (column, row) = view.planner.field(view.cell), one.centre
+        if view.known.bits[row, column] & KNOWN == 0:  # beside it
+            cells = one.outline[here.distances(one.outline) < np.inf]
+            if not len(cells):
+                return None
+            column, row = cells[((cells - one.centre) ** 2).sum(axis=1).argmin()].tolist()
+        far = here.distance((column, row))
+        return Aim(one, (column, row), far) if far < np.inf else None
 
     def _goal(self, here: Field, one: Frontier) -> Cell | None:
         """The centre of a frontier, or the nearest cell to it that can be driven to."""
@@ -208,6 +216,17 @@ class Bidding:
                 self.unreachable.update(cells)
             if cells := letter.get("fruitless"):
                 self.fruitless.update(cells)
+
+
+def _best(view: View, aims: list[Aim]) -> list[Aim]:
+    """By size over straight distance."""
+    column, row = view.cell
+
+    def value(aim: Aim) -> float:
+        away = float(np.hypot(aim.cell[0] - column, aim.cell[1] - row))
+        return -aim.frontier.size / max(away, 1.0)
+
+    return sorted(aims, key=value)
 
 
 def _bids(sizes: NDArray[np.float64], ways: NDArray[np.float64]) -> NDArray[np.float64]:

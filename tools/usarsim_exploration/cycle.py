@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell, Environment
-from usarsim_exploration.exchange import Exchange
+from usarsim_exploration.exchange import Exchange, tell_links
 from usarsim_exploration.kernels import count_first
 from usarsim_exploration.known_map import FREE, WALL, KnownMap
 from usarsim_exploration.levels.grid import GridLevel, Level
@@ -152,6 +152,8 @@ class Cycle:
         if self.links_before:
             self.begin("communicate")
             self.links = self.level.links(self)
+            if self.rules.mresim:  # its robots know of links before they decide
+                tell_links(self.bodies, self.links.groups())
         self.level.move(self)
         self.begin("communicate")
         if not self.links_before:
@@ -225,6 +227,7 @@ def set_up(
             member.reach, team[BASE].cell, member.cell, member.heading, known,
             Planner(known, floods=floods),
             estimate, np.random.Generator(np.random.PCG64(thinking[number])), rules=rules,
+            area=environment.free if rules.mresim else 0,
         )  # fmt: skip
         for other, one in enumerate(team):
             if other != number:

@@ -29,6 +29,15 @@ PATIENCE = 100
 """Steps without news after which links are taken to carry none: they are too narrow or too bad."""
 
 
+def tell_links(bodies: Sequence[Body], groups: Sequence[Sequence[int]]) -> None:
+    """Let robots know whom they hear. groups: numbers of who can talk to whom."""
+    for body in bodies:
+        body.view.linked = frozenset()
+    for group in groups:
+        for number in group:
+            bodies[number].view.linked = frozenset(group) - {number}
+
+
 class Exchange:
     """Trades maps and news, and counts.
 
@@ -74,11 +83,7 @@ class Exchange:
                 if strategy is not None and bodies[number].works:
                     letters[number] = strategy.letter(bodies[number].view)
         bodies[BASE].base_step = step
-        for body in bodies:
-            body.view.linked = frozenset()
-        for group in groups:
-            for number in group:
-                bodies[number].view.linked = frozenset(group) - {number}
+        tell_links(bodies, groups)
         if self._post is not None:
             cells = [body.view.cell for body in bodies]
             ranges = [body.member.radio_range for body in bodies]

@@ -18,8 +18,10 @@ from usarsim_exploration.bidding import Aim, Bidding
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.frontiers import Frontier, find_frontiers
 from usarsim_exploration.known_map import KNOWN, SAFE, WALL
+from usarsim_exploration.mresim.planning import DONE, FIRST, NEVER_DONE
 from usarsim_exploration.planning import Field, Path
 from usarsim_exploration.strategy import Letter, Plan, Strategy, Teammate, View, straight
+from usarsim_exploration.walking import stroll
 from usarsim_server.fields import field
 
 NEAR = 4
@@ -51,6 +53,7 @@ class Seeker(Strategy):
         self._bidding = Bidding(self.memory)
         self._planned = self._version = -1
         self.aim: Cell | None = None
+        self._failed, self._heard = False, -1
 
     @abstractmethod
     def choose(self, view: View, aims: Sequence[Aim]) -> Aim | None:
@@ -75,6 +78,8 @@ class Seeker(Strategy):
 
     def decide(self, view: View) -> Plan | None:
         """Plan when it is due, or when the path is used up and something is new."""
+        if view.rules.mresim:
+            return self._by_mresim(view)
         if view.path and not view.blocked and not self.due(view):
             return None
         if not view.path and not view.blocked and self._version == view.known.version:
@@ -89,11 +94,41 @@ class Seeker(Strategy):
         self.aim = None
         return go_home(view)
 
+    def _by_mresim(self, view: View) -> Plan | None:
+        """Random first steps and after each that failed; plan anew whenever anybody was heard."""
+        if view.step <= FIRST or view.blocked or self._failed:
+            self._failed, self._planned = False, view.step
+            return self._stroll(view)
+        contact = self._heard == view.step - 1
+        if len(view.path) >= 2 and not contact and not self.due(view):
+            return None
+        self._planned = view.step
+        frontiers = self.frontiers(view)
+        if view.known.free >= DONE * view.area:
+            frontiers = []
+        aim = self.pick(view, frontiers)
+        if aim is None and view.step > NEVER_DONE:
+            self.aim = None
+            return go_home(view)
+        if aim is None or any(view.cell == mate.cell for mate in view.teammates.values()):
+            return self._stroll(view)
+        self.aim = aim.cell
+        path = view.planner.path(view.cell, aim.cell) or []
+        self._failed = not path
+        return Plan(path, goal=self.aim)
+
+    def _stroll(self, view: View) -> Plan:
+        """A random step."""
+        path, _ = stroll(view, view.heading)
+        return Plan(path)
+
     def pick(self, view: View, frontiers: list[Frontier]) -> Aim | None:
         """The frontier that was aimed at, if it holds against the one to choose now; else that."""
         aims = self._bidding.aims(view, frontiers, self.considered)
         mates = self.companions(view) if self.parts else []
         other = self.choose(view, self._left(view, aims, mates)) if aims else None
+        if view.rules.mresim:
+            return other
         if other is None or self.aim is None or self.aim in self._bidding.fruitless:
             return other
         if any(mate.goal is not None and _same(mate.goal, self.aim) for mate in mates):
@@ -146,6 +181,7 @@ class Seeker(Strategy):
 
     def hear(self, view: View) -> None:
         """Frontiers that others know to lead nowhere."""
+        self._heard = view.step
         self._bidding.hear(view.teammates[number].letter for number in sorted(view.linked))
 
 

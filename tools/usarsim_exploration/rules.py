@@ -6,7 +6,7 @@ code asks the flag, never the number. Rules 1 are those of results without a num
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +24,9 @@ class RunRules:
         ties: robots in one cell share out what all of them would choose.
         shares: what is known and reachable now, of what is reachable now; else what was known, of
             what was reachable at the start.
+        relays: `relay_explores` counts; else relays explore whatever it says.
+        mresim: MRESim's: first steps are random, robots in contact plan at every step, by frontiers
+            of its kind, and know how many free cells there are.
     """
 
     number: int
@@ -33,10 +36,27 @@ class RunRules:
     ends: bool = True
     ties: bool = True
     shares: bool = True
+    relays: bool = True
+    mresim: bool = False
+
+    def by_mresim(self) -> RunRules:
+        """The same, but as MRESim's where that has rules of its own."""
+        return replace(
+            self, sight=False, narrow=False, starts=False, ends=False, ties=False, mresim=True
+        )
 
 
 RULES = {
-    1: RunRules(1, sight=False, narrow=False, starts=False, ends=False, ties=False, shares=False),
+    1: RunRules(
+        1,
+        sight=False,
+        narrow=False,
+        starts=False,
+        ends=False,
+        ties=False,
+        shares=False,
+        relays=False,
+    ),
     2: RunRules(2),
 }
 """By number."""

@@ -17,7 +17,7 @@ beside it.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,7 +28,7 @@ from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.events import Event, read_events
 from usarsim_exploration.levels.discs import Discs
 from usarsim_exploration.levels.physics import Physics
-from usarsim_exploration.radio import Radio, create_radio
+from usarsim_exploration.radio import PathLoss, Radio, create_radio
 from usarsim_exploration.radio.models import DEFAULT
 from usarsim_exploration.rules import NEWEST, OLDEST, RULES, RunRules
 from usarsim_exploration.strategy import TYPES, Strategy
@@ -63,6 +63,16 @@ class Basics:
         default=NEWEST, low=OLDEST, high=NEWEST,
         help="number of the rules; results carry theirs, and older ones run again by older rules",
     )  # fmt: skip
+    mresim: bool = field(
+        default=False,
+        help="robots plan by MRESim's rules: random first steps, anew at each contact, to the "
+        "middle of what is not certain",
+    )
+
+    @property
+    def holding(self) -> RunRules:
+        """The rules of the run."""
+        return RULES[self.rules].by_mresim() if self.mresim else RULES[self.rules]
 
 
 @dataclass(frozen=True)
@@ -113,8 +123,8 @@ class Scenario:
 
     @property
     def rules(self) -> RunRules:
-        """Those of its number."""
-        return RULES[self.basics.rules]
+        """Those of its number, or MRESim's."""
+        return self.basics.holding
 
     @property
     def scale(self) -> float:
@@ -125,6 +135,8 @@ class Scenario:
     def resolved(self) -> Content:
         """The same scenario, with what the team and the strategy have by default."""
         found: Content = {key: getattr(self.basics, key) for key in ("seed", "links", "rules")}
+        if self.basics.mresim:
+            found["mresim"] = True
         if self.basics.backend == "discs":
             discs = declared(self.discs) | {"width": self.discs.wide(self.scale)}
             found |= {"backend": "discs", "discs": discs}
@@ -165,12 +177,14 @@ def read(content: Mapping[str, object], path: Path | str = OPTIONS) -> Scenario:
     folder = path.parent if isinstance(path, Path) else Path()
     files: dict[str, Path] = {}
     basics = table.read(Basics)
-    rules, bodies = RULES[basics.rules], basics.backend != "grid"
+    rules, bodies = basics.holding, basics.backend != "grid"
     world, mapped = _find_world(table.table("environment"), folder, bodies=bodies and rules.starts)
     name, strategy = _strategy(table.table("strategy"), folder, files)
     radio_table = table.table("radio")
     radio = create_radio(radio_table)
     radio_table.finish()
+    if rules.mresim and isinstance(radio, PathLoss):
+        radio = replace(radio, by_first=True)
     team = teams.read_team(table, world, strategy.formation, basics.seed, rules, bodies=bodies)
     end = table.one("end", End)
     discs, physics = table.one("discs", Discs), table.one("physics", Physics)

@@ -74,7 +74,7 @@ class View:
         teammates: by number, without itself; the base is 0.
         linked: numbers that it hears now, over any chain.
         random: its own generator.
-        rules: of the run.
+        rules: of the run. area: free cells of the world, which MRESim tells its robots; else 0.
     """
 
     number: int
@@ -97,6 +97,7 @@ class View:
     blocked: bool = False
     step: int = 0
     rules: RunRules = TODAY
+    area: int = 0
 
     def explorers(self, memory: int) -> list[Teammate]:
         """Teammates that explore and were heard within so many steps."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -11,6 +13,17 @@ from numpy.typing import NDArray
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.known_map import FREE, WALL, KnownMap
 from usarsim_exploration.planning import Path
+
+if TYPE_CHECKING:
+    from usarsim_exploration.strategy import View
+
+CLEAR = 3.0
+"""Cells from known walls that random steps keep."""
+TURNS = np.deg2rad(np.repeat([-45.0, -22.5, 0.0, 22.5, 45.0], [1, 2, 20, 2, 1]))
+"""Tickets of the draw, rad."""
+_TRIES = 100
+_SHORTEST = 3
+"""Cells of a step that is tried at least."""
 
 
 def line(start: Cell, goal: Cell) -> Path:
@@ -31,6 +44,35 @@ def through(start: Cell, places: Iterable[Cell]) -> Path:
             found += line(start, place)
             start = place
     return found
+
+
+def stroll(view: View, course: float, clearance: float = CLEAR) -> tuple[Path, float]:
+    """A random step, as long as the speed at most, and its course.
+
+    The first of up to 100 draws that meets no known wall. Turns of failed draws add up, so that a
+    robot before a wall turns away from it.
+
+    Args:
+        course: rad, from which turns are drawn. clearance: from known walls, cells; 1 after 50
+            failures.
+    """
+    length = max(_SHORTEST, int(view.speed))
+    around = Surroundings(view.known, view.cell, length + int(clearance) + 2)
+    for attempt in range(_TRIES):
+        course += draw_turn(view.random)
+        right, down = length * math.cos(course), length * math.sin(course)
+        path = line(view.cell, (view.cell[0] + round(right), view.cell[1] + round(down)))
+        need = clearance if attempt < _TRIES // 2 else 1.0
+        if path and around.room(path[-1]) >= need and around.passable(view.cell, path):
+            return path, course
+        shortest = 1 if view.rules.narrow and attempt >= _TRIES // 2 else _SHORTEST
+        length = max(length - 1, shortest)
+    return [], course
+
+
+def draw_turn(random: np.random.Generator) -> float:
+    """By how much to turn, rad."""
+    return float(TURNS[random.integers(len(TURNS))])
 
 
 class Surroundings:

@@ -40,6 +40,7 @@ _COMMON = (
     "links",
     "backend",
     "rules",
+    "mresim",
     "discs",
     "physics",
     "environment",

@@ -91,6 +91,7 @@ class Settings:
         """
         return {
             "links": "before",
+            "mresim": True,
             "radio": RADIOS[self.radio],
             "strategy": {"name": self.ours, **self._options(self.ours)},
             "end": {"of": "all", "home": True},

@@ -8,10 +8,11 @@ where to meet next while they hear each other.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
+from usarsim_exploration.bidding import Aim
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.errors import scipy
 from usarsim_exploration.exploring import way_to
@@ -83,6 +84,8 @@ class RoleBased(Switching):
         state = self._next(view)
         if state is not None:
             self._enter(state, view)
+        if view.rules.mresim and self.state == "initial" and view.role == "explorer":
+            return replace(self._stroll(view), state=self.state)
         return self._explore(view) if self.state == "explore" else self._drive(view)
 
     def _enter(self, state: State, view: View) -> None:
@@ -130,7 +133,8 @@ class RoleBased(Switching):
         if self.state == "give-parent-info":
             if since < 1:
                 return None
-            return "explore" if self._spare(view) > LEAST_TIME else "go-to-child"
+            may = self.relay_explores or not view.rules.relays
+            return "explore" if may and self._spare(view) > LEAST_TIME else "go-to-child"
         if self.state == "get-info-from-child":
             return "return-to-parent" if since >= 1 else None
         if self.state == "return-to-parent":
@@ -148,6 +152,18 @@ class RoleBased(Switching):
             return "go-to-child"
         view.role, view.parent, view.child = "explorer", BASE, None
         return "explore"
+
+    def choose(self, view: View, aims: Sequence[Aim]) -> Aim | None:
+        """By MRESim's rules, one of those from which the meeting is reached in time, if any is."""
+        if view.rules.mresim and self.meeting is not None:
+            back = view.planner.field(self._place(view))
+            left = self.meeting.time - view.step
+            early = [
+                aim for aim in aims
+                if int((aim.distance + back.distance(aim.cell)) / view.speed) <= left
+            ]  # fmt: skip
+            aims = early if early or view.role == "relay" else aims
+        return super().choose(view, aims)
 
     # -- what transitions ask -----------------------------------------------------------------
 

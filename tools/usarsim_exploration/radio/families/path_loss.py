@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal, Self
 
-from usarsim_exploration.radio.models import Radio, register
+from usarsim_exploration.radio.models import Floats, Radio, register
 from usarsim_server.fields import field
 from usarsim_server.radio import models as server
 from usarsim_server.tables import Table
@@ -28,13 +28,14 @@ class PathLoss(Radio):
         law: the server's model.
         per_range: d0 is the range of the pair in cells, as distances are; else all are m.
         strict: a signal must be stronger than the cut-off (MRESim), not only as strong.
-        count: what k counts.
+        count: what k counts. by_first: the range of a pair is that of its lower number (MRESim).
     """
 
     counts_walls = True
     law: server.PathLoss = server.PRESETS["mresim"]
     per_range: bool = True
     strict: bool = True
+    by_first: bool = False
     count: Literal["walls", "cells"] = field(
         default="walls", help="whether each wall attenuates, or each cell of it"
     )
@@ -51,6 +52,10 @@ class PathLoss(Radio):
     def wall_cells(self) -> bool:
         """Whether cells of walls count."""
         return self.count == "cells"
+
+    def reach(self, one: Floats, other: Floats) -> Floats:
+        """The smaller range, or that of the lower number; pairs are given by number."""
+        return one if self.by_first else super().reach(one, other)
 
     def strength(self, distance: float, reach: float, walls: int, cell: float) -> float:
         """dBm of a signal; see `hears`."""
