@@ -9,7 +9,14 @@ LONGEST_PATH = 500
 
 
 class UsarsimError(Exception):
-    """Base of all errors that are reported to a user in one line (exit code 2), no traceback."""
+    """Base of all errors that are reported to a user in one line (exit code 2), no traceback.
+
+    Attributes:
+        spot: keys and numbers from 0 that lead to what is wrong in a file; empty if that is not
+            known.
+    """
+
+    spot: tuple[str | int, ...] = ()
 
 
 class SettingsError(UsarsimError):

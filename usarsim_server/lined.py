@@ -56,7 +56,9 @@ class LinedTable(Table):
         where = ": ".join(part for part in (self._place, key) if part)
         if place in lines:
             where = f"line {lines[place]}: {where}" if where else f"line {lines[place]}"
-        return self._error(at(self.path, problem, cure, where=where or None))
+        found = self._error(at(self.path, problem, cure, where=where or None))
+        found.spot = (*self._keys, self._written(key)) if key else self._keys
+        return found
 
     def table(self, key: str) -> Table:
         """As that of `Table`."""
@@ -64,7 +66,11 @@ class LinedTable(Table):
 
     def tables(self, key: str) -> list[Table]:
         """As that of `Table`."""
-        return [self._lined(one, key, number) for number, one in enumerate(super().tables(key))]
+        values = self._content.get(self._written(key), ())
+        numbers = [n for n, one in enumerate(cast(list[object], values)) if one is not None]
+        return [
+            self._lined(one, key, n) for n, one in zip(numbers, super().tables(key), strict=True)
+        ]
 
     def _below(self, content: Mapping[str, object], place: str) -> Table:
         return LinedTable(content, self.path, self._error, place, hyphens=self._hyphens)

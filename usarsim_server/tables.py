@@ -288,15 +288,19 @@ class Table:
     def tables(self, key: str) -> list[Table]:
         """A list of tables, written `[[key]]`; empty if there is none.
 
-        Each is named in its errors by number and, if it has one, by name or tag.
+        Each is named in its errors by number and, if it has one, by name or tag. None in the place
+        of a table, which no file holds, is left out and keeps its number.
         """
         values = self.raw(key) if self.has(key) else []
-        if not isinstance(values, list) or not all(isinstance(one, Mapping) for one in values):
+        if not isinstance(values, list) or not all(
+            one is None or isinstance(one, Mapping) for one in values
+        ):
             raise self.wrong(key, values, f"a list of tables, each beginning with [[{key}]]")
         outer = f"{self._place}: " if self._place else ""
         return [
             self._below(value, f"{outer}[[{key}]] {number}{_name(value)}")
             for number, value in enumerate(values, start=1)
+            if value is not None
         ]
 
     def free(self, key: str) -> Mapping[str, object]:

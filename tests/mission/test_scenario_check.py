@@ -70,6 +70,100 @@ def test_what_cannot_be(
     assert said in told
 
 
+SPOILT = """schema = "usar-mission/1"
+title = "Two rooms"
+world = "./rooms"
+time_limitt = 300
+scoring = "rsarsin"
+reveal = ["klock"]
+seed = "x"
+[[robot]]
+name = "R1"
+class = "P3AT_rael"
+start = "West"
+unattended = "explor"
+[[robot]]
+name = "R2"
+start = "Wst"
+[[victim]]
+name = "Ann"
+position = [3, "a", 0.12]
+status = "Ded"
+[[victim]]
+name = "Bob"
+position = [600, 2, 0.12]
+color = 3
+[[zone]]
+name = "z"
+colour = "pink"
+x = [0, 1]
+y = [0, 1]
+[[event]]
+name = "e"
+at = 1300.0
+do = "robot_fails"
+robot = "R2"
+[[event]]
+name = "f"
+at = 3.0
+do = "victim_calls"
+victim = "Ann"
+[[event]]
+name = "g"
+at = 3.0
+do = "victim_calls"
+victim = "Anne"
+"""
+WRONG = {
+    4: "time_limitt",
+    5: "scoring",
+    6: "reveal",
+    7: "seed",
+    10: "class",
+    12: "unattended",
+    15: "start",
+    18: "position",
+    19: "status",
+    22: "position",
+    23: "color",
+    26: "colour",
+    31: "at",
+    43: "victim",
+}
+"""Key by line; nothing that is only wrong because of another one, such as the event about Ann."""
+
+
+def test_all_faults_are_told_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of keys, values, names and places, a line each, in the order of the lines."""
+    path = write_mission(tmp_path, head=SPOILT)
+    assert main(["mission", "check", str(path)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert all(line.startswith(f"error: {path}: line ") for line in lines)
+    told = [re.search(r": line (\d+): (?:\[\[.*?\): )?(\w+): ", line) for line in lines]
+    assert [(int(one[1]), one[2]) for one in told if one] == list(WRONG.items())
+
+
+@pytest.mark.parametrize(
+    ("without", "said"),
+    [
+        ('title = "Two rooms"\n', ["title: is missing"]),
+        ('world = "./rooms"\n', ["world: is missing"]),
+        ('name = "R1"\n', ["[[robot]] 1: name: is missing"]),
+        ("position = [3.0, -2.0, 0.12]\n", ["1 victims without a position and 0 places"]),
+    ],
+)
+def test_what_is_missing_is_one_fault(
+    tmp_path: Path, without: str, said: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is told by itself, and beside another one."""
+    for more in ("", "reveal = 3\n"):
+        text = (MISSION + more + ROBOT + VICTIM).replace(without, "")
+        assert main(["mission", "check", str(write_mission(tmp_path, head=text))]) == 2
+        lines = capsys.readouterr().err.splitlines()
+        assert len(lines) == len(said) + bool(more), lines
+        assert all(any(one in line for line in lines) for one in said), lines
+
+
 def test_all_findings_are_told(tmp_path: Path) -> None:
     """Not only the first."""
     found = findings(

@@ -35,23 +35,29 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print what is wrong, or what the mission is; returns the exit code."""
-    from usarsim_mission.scenario.check import cautions, findings
-    from usarsim_mission.scenario.reader import find_mission, read_scenario
+    from usarsim_mission.scenario.check import cautions
+    from usarsim_mission.scenario.faults import FaultsError, faults
+    from usarsim_mission.scenario.reader import find_mission
     from usarsim_mission.scenario.resolving import stage
 
-    scenario = read_scenario(find_mission(arguments.mission))
-    staged = stage(
-        scenario,
-        seed=arguments.seed,
-        world=arguments.world,
-        robots=tuple(arguments.robots),
-        allow_outside=arguments.allow_outside,
-    )
-    found = findings(staged)
+    try:
+        found, staged = faults(
+            find_mission(arguments.mission),
+            lambda scenario: stage(
+                scenario,
+                seed=arguments.seed,
+                world=arguments.world,
+                robots=tuple(arguments.robots),
+                allow_outside=arguments.allow_outside,
+            ),
+        )
+    except FaultsError as error:
+        found = error.all
     for problem in found:
         print(f"error: {problem}", file=sys.stderr)
     if found:
         return 2
+    scenario = staged.scenario
     if arguments.out is not None:
         staged.write_world(arguments.out)
     ways = [staged.reached.way_to(one.pose.position, 2.0) for one in staged.victims]

@@ -20,7 +20,7 @@ from usarsim_server.worlds.polygons import Corner, read_corners, read_polygon
 
 SCHEMA = "usar-mission/1"
 
-PRESENT_POLICIES = ("stop", "hold", "patrol", "explore")
+PRESENT_POLICIES = ("stop", "hold", "patrol", "explore", "search")
 """Of the console; packages add theirs by this group of entry points."""
 POLICY_GROUP = "usarsim.policies"
 

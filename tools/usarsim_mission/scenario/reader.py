@@ -7,9 +7,10 @@ in its world, `check.py` says.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from usarsim_mission.errors import MissionError
 from usarsim_mission.scenario.description import SCHEMA, Event, Scenario
@@ -84,7 +85,11 @@ def parse_scenario(text: str, path: Path) -> Scenario:
     Raises:
         MissionError: as `read_scenario`.
     """
-    content = parse_toml(text, path, MissionError, "robot")
+    return scenario_of(parse_toml(text, path, MissionError, "robot"), text, path)
+
+
+def scenario_of(content: Mapping[str, Any], text: str, path: Path) -> Scenario:
+    """The same for what a text says, as TOML has it; the text tells the lines of errors."""
     if not content:
         cure = (
             f'begin with schema = "{SCHEMA}", title, world and a [[robot]]: docs/howto/mission.md'
