@@ -88,8 +88,21 @@ def _row(time: float, *views: tuple[str, str, float, float, bool]) -> Any:
     return truth_row({"time": time, "robots": [], "victims": victims, "views": seen})
 
 
-def _say(operator: SyntheticOperator, rows: list[Any]) -> list[tuple[float, Any]]:
-    return [(row.time, said) for row in rows for said in operator.see(row)]
+def _say(
+    operator: SyntheticOperator, rows: list[Any], *, avoid: bool = False
+) -> list[tuple[float, Any]]:
+    """What it says, either of what robots keep clear of or else."""
+    said = [(row.time, said) for row in rows for said in operator.see(row)]
+    return [one for one in said if (one[1]["type"] == "avoid") == avoid]
+
+
+def test_robots_keep_clear_of_whom_a_camera_sees() -> None:
+    """Once each, also of whom a robot sees that nobody looks at; not behind a wall."""
+    views = ("R2", "Ada", 0.1, 3.0, True), ("R1", "Ben", 0.1, 3.0, False)
+    rows = [_row(0.1 * one, *views) for one in range(20)]
+    said = _say(SyntheticOperator(Skill(), ["R1", "R2"], 7), rows, avoid=True)
+    where = {"place": [4.0, -1.0, -0.1], "radius": 0.95}  # the wire's frame; Ada lies
+    assert said == [(0.0, {"type": "avoid", "name": "Ada", **where})]
 
 
 def test_a_synthetic_operator_sees_what_its_robot_shows() -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from usarsim_client import readings
 from usarsim_operator import policies
+from usarsim_operator.ground import Ground
 from usarsim_operator.navigation import Place
 from usarsim_operator.policies import Policy, View
 
@@ -33,13 +34,19 @@ class _Unattended:
     asked: float = -1.0
     acted: bool = False
     told: policies.Powers = (0.0, 0.0)
+    why: str = ""
 
 
 class Autonomy:
-    """The policies of all robots of one station."""
+    """The policies of all robots of one station.
+
+    Attributes:
+        ground: what robots that follow one know beside the map.
+    """
 
     def __init__(self, station: Station) -> None:
         self._station = station
+        self.ground = Ground()
         self._robots: dict[str, _Unattended] = {}
 
     def policy(self, robot: str) -> str:
@@ -95,6 +102,7 @@ class Autonomy:
     def forget(self, robot: str) -> None:
         """A robot has left."""
         self._robots.pop(robot, None)
+        self.ground.forget(robot)
 
     def stopped(self, robot: str) -> None:
         """A robot was told to stand, by somebody else than its policy."""
@@ -110,6 +118,8 @@ class Autonomy:
         """Ask the policy of a robot that has just reported its pose."""
         found, arbiter = self._robots.get(driven.name), self._station.arbiter
         pose, time = driven.telemetry.pose, driven.telemetry.pose_time
+        if pose is not None:
+            self.ground.stand(driven.name, (pose[0], pose[1]), time)
         if found is None or pose is None or time - found.asked < OFTEN - 1e-9:
             return
         found.asked = time
@@ -124,8 +134,14 @@ class Autonomy:
             for name, one in self._robots.items()
             if one.policy.goal is not None and name != driven.name
         }
-        here = pose[0], pose[1], pose[5]
-        left, right = found.policy.powers(View(time, here, found.scan, self._station.map, goals))
+        here, lean = (pose[0], pose[1], pose[5]), (pose[3], pose[4])
+        ground = self.ground
+        ground.mark(self._station.marks.places())
+        view = View(time, here, found.scan, self._station.map, goals, ground, driven.name, lean)
+        left, right = found.policy.powers(view)
+        if found.policy.why != found.why:
+            found.why = found.policy.why
+            self._station.observers.note("stands", {"robot": driven.name, "why": found.why})
         left, right = round(left, 3), round(right, 3)
         found.acted = True
         if (left, right) != found.told:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 MOST = 1000
 """Marks of a session."""
@@ -61,3 +61,8 @@ class Marks:
     def rows(self) -> list[dict[str, object]]:
         """All of them, as `state` tells them."""
         return list(self._marks.values())
+
+    def places(self) -> list[tuple[float, float]]:
+        """Where they are on the map, x and y in metres."""
+        places = (cast(list[float], one["place"]) for one in self._marks.values())
+        return [(x, y) for x, y, *_ in places]

@@ -182,6 +182,7 @@ FIELDS: Mapping[str, Mapping[str, Check]] = {
     "mark": {**_ROBOT, "place": _place, **_STATUS},
     "mark_edit": {"mark": _whole, "place?": _place, **_STATUS},
     "mark_delete": {"mark": _whole},
+    "avoid": {"name": _text(80), "place": _place, "radius": _number(0.0, 10.0)},
     "acknowledge": {"alarm": _whole},
     "pace": {
         "action": _one_of("pause", "run", "step", "speed", "reset"),

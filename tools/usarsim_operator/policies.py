@@ -1,4 +1,4 @@
-"""What a robot does while nobody drives it: stand, hold its heading, patrol, explore.
+"""What a robot does while nobody drives it: stand, hold its heading, patrol, explore, search.
 
 A policy gets what the robot knows and tells its wheels; it has no socket and no clock. Another one
 is a class of an installed package that an entry point of the group `usarsim.policies` names.
@@ -10,7 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -18,8 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_client import readings
+from usarsim_operator.ground import Disc, Ground
 from usarsim_operator.navigation import (
     FAR,
+    WALL,
     Cells,
     Costs,
     Grid,
@@ -38,16 +40,32 @@ CRUISE = 1.0
 
 _CLOSE = 0.4  # m from a place that count as being there
 _AHEAD = 0.6  # m along the way to the point that it steers for
-_ROOM = 0.45  # m ahead of the scanner below which it does not go on
+_ROOM = 0.45  # m ahead of the scanner below which it holds its heading no more
+_NEAR = 0.3  # m ahead of the scanner below which it does not go on
+_HALF = 0.29  # m to either side of the scanner in which something is ahead, and not beside
 _TURNING = 0.8  # m of way that a rad of turning is worth
 _PLAN = 3.0  # simulated s after which a way is looked for anew
 _WAIT = 1.0  # simulated s after which one is looked for where there was none
-_STUCK = 2.5  # simulated s without getting anywhere
+_STUCK = 1.2  # simulated s without getting anywhere
+_MOVED = 0.06, 0.12  # m or rad that count as getting somewhere
+_LEAST = 0.3  # power that turns on the spot, and rad that are worth it
+_IDLE = 0.6, 0.25  # simulated s for which it drives by less than this power, and is stuck, too
+_SLOW = 6.0, 0.5  # simulated s in which it comes this many m on, or it is stuck, too
 _FELT = 0.5  # m from its middle to what stopped it
-_AROUND = 0.3  # m around that, where its middle does not go
-_MOST_FELT = 60
-_REMEMBERED = 30.0  # simulated s
+_AROUND = 0.4  # m around that, where its middle does not go
+_REMEMBERED = (300.0, 20.0, 0.0)  # simulated s: what is older counts no more; less if shut in
+_BESIDE = 0.8  # rad to either side in which what it has begun to climb goes on
 _BACK = 1.5  # simulated s of backing off
+_DOWN = 2.2  # simulated s of it where it has begun to climb
+_LEANS = 0.15  # rad from upright at which it has begun to climb onto something
+_CLEAR = 0.38  # m from its middle to what it must not touch, beside how far that reaches
+_NEXT = 0.3  # m: as far on it looks whether it would touch somebody
+_STRIDE = 8  # cells between two places that are worth another look
+_NEW = 1.5  # m to the nearest of them
+_OLDEST = 600.0  # simulated s since the last look that are worth something
+_PACE = 0.3  # m/s on the way there
+_GIVEN_UP, _WIDELY = 0.7, 1.5  # m around a frontier that is given up
+_RETRY = 120.0  # simulated s after which it tries again what it has given up
 _HELD = 0.3  # m within which it is still where it was stuck before
 _FREEING = (None, (-CRUISE, -CRUISE), (CRUISE, CRUISE))
 """What is tried in turn while it is stuck at one place: to back off in a curve, then straight, as
@@ -62,6 +80,8 @@ class View:
         time: simulated s. pose: x, y (m), yaw (rad, clockwise).
         scan: its newest flat scan; None if it has none.
         map: of all robots. goals: places that others go to, by robot.
+        ground: what all robots know beside the map. robot: its name.
+        lean: roll and pitch, rad.
     """
 
     time: float
@@ -69,6 +89,9 @@ class View:
     scan: readings.LaserScan | None
     map: OccupancyMap
     goals: Mapping[str, Place]
+    ground: Ground = field(default_factory=Ground)
+    robot: str = ""
+    lean: tuple[float, float] = (0.0, 0.0)
 
 
 Powers = tuple[float, float]
@@ -80,10 +103,12 @@ class Policy(ABC):
 
     Attributes:
         name: what people call it. goal: where it goes; None if nowhere.
+        why: why it stands, in words; empty while it goes on.
     """
 
     name = ""
     goal: Place | None = None
+    why = ""
 
     @abstractmethod
     def powers(self, view: View) -> Powers:
@@ -129,19 +154,24 @@ class _Traveller(Policy):
 
     unknown = False
     """Whether ways lead over what nobody has seen."""
+    at_rest: Powers = (0.0, 0.0)
+    """What the wheels get while there is nowhere to go."""
 
     def __init__(self) -> None:
         self._way: list[Place] = []
         self._due = -math.inf
         self._anchor: View | None = None
+        self._track: deque[tuple[float, Place]] = deque()
         self._back = -math.inf
         self._side = 0.3
         self._caught, self._tries, self._freeing = (math.inf, math.inf), 0, (0.0, 0.0)
-        self._felt: deque[tuple[float, Place]] = deque(maxlen=_MOST_FELT)
+        self._told: Powers = (0.0, 0.0)
+        self._pushed = math.inf
 
     def resume(self) -> None:
         """Looks for its way anew."""
         self._way, self._due, self._anchor, self.goal = [], -math.inf, None, None
+        self._track.clear()
 
     @abstractmethod
     def choose(self, view: View, grid: Grid, passable: Cells) -> None:
@@ -156,48 +186,106 @@ class _Traveller(Policy):
         self.goal = self._way[-1] if self._way else None
 
     def powers(self, view: View) -> Powers:
-        """Along the way."""
+        """Along the way, unless that would touch somebody."""
+        left, right = self._wanted(view)
+        ahead = left + right
+        if ahead and _touches(view, math.copysign(_NEXT, ahead), walls=not self._tries):
+            self._back = -math.inf
+            self._due = min(self._due, view.time + _WAIT)
+            turn = (left - right) / 2.0 or math.copysign(0.5, self._side)
+            left, right = turn, -turn
+        self._told = left, right
+        return self._told
+
+    def _wanted(self, view: View) -> Powers:
         here = view.pose[:2]
         if view.time < self._back:
             return self._freeing
-        if self._is_stuck(view):
-            x, y, yaw = view.pose  # what scanners do not see is felt
-            felt = x + _FELT * math.cos(yaw), y + _FELT * math.sin(yaw)
-            self._felt.append((view.time, felt))
+        leans = math.hypot(*view.lean) > _LEANS
+        if self._is_stuck(view) or leans:
+            self._feel(view)
             self.blocked(view)
             self._tries = self._tries + 1 if math.dist(here, self._caught) < _HELD else 0
             self._caught, self._side = here, -self._side
-            curve = -CRUISE * (0.6 + self._side), -CRUISE * (0.6 - self._side)
-            self._freeing = _FREEING[self._tries % len(_FREEING)] or curve
-            self._back, self._due = view.time + _BACK, -math.inf
+            self._freeing = self._free_by(leans)
+            self._back, self._due = view.time + (_DOWN if leans else _BACK), -math.inf
+            self._track.clear()
             return 0.0, 0.0
         arrived = self.goal is not None and math.dist(here, self.goal) < _CLOSE
         if arrived or view.time >= self._due:
             self._due = view.time + _PLAN
-            grid = Grid(view.map.cells(), view.map.corner)
-            for recalled in (self._felt, deque[tuple[float, Place]]()):  # shut in, it tries again
-                passable = grid.passable(here, RADIUS, unknown=self.unknown)
-                for when, place in recalled:
-                    if view.time - when <= _REMEMBERED:
-                        grid.leave_out(passable, place, _AROUND)
-                passable[grid.cell(here)] = True
-                self.choose(view, grid, passable)
-                if self.goal is not None or not recalled:
-                    break
+            self._plan(view, arrived)
         if self.goal is None:
             self._anchor = None
+            self._track.clear()
             self._due = min(self._due, view.time + _WAIT)
-            return 0.0, 0.0
+            return self.at_rest
+        self.why = ""
         return self._follow(view)
+
+    def _free_by(self, leans: bool) -> Powers:
+        """Powers of the next try to get away from where it is caught."""
+        curve = -CRUISE * (0.6 + self._side), -CRUISE * (0.6 - self._side)
+        if leans:  # the way it came
+            ahead = sum(self._told) >= 0.0
+            came = (-CRUISE, -CRUISE) if ahead else (CRUISE, CRUISE)
+            return (came, came, curve, (-came[0], -came[1]))[self._tries % 4]
+        return _FREEING[self._tries % len(_FREEING)] or curve
+
+    def _feel(self, view: View) -> None:
+        """What scanners do not see is felt: before it, and where it leans, uphill."""
+        x, y, yaw = view.pose
+        off = _FELT if sum(self._told) >= 0.0 else -_FELT
+        felt = x + off * math.cos(yaw), y + off * math.sin(yaw)
+        if not _walls(view, felt, RADIUS):  # else that was it
+            view.ground.feel(view.time, felt)
+        roll, pitch = view.lean
+        if math.hypot(roll, pitch) > _LEANS:
+            uphill = yaw + math.atan2(-roll, pitch)
+            for side in (0.0, _BESIDE, -_BESIDE):
+                toward = uphill + side
+                place = x + _FELT * math.cos(toward), y + _FELT * math.sin(toward)
+                view.ground.feel(view.time, place)
+
+    def _plan(self, view: View, arrived: bool) -> None:
+        """Choose where to go; shut in by what it has felt, it tries that again."""
+        here = view.pose[:2]
+        grid = Grid(view.map.cells(), view.map.corner)
+        free = grid.passable(here, RADIUS, unknown=self.unknown)
+        for disc in (*view.ground.people(), *view.ground.others(view.robot)):
+            room = math.dist(here, disc.place) - 0.1  # who is inside may leave, and come no nearer
+            if room > 0.0:
+                grid.leave_out(free, disc.place, min(disc.radius + _CLEAR, room))
+        for remembered in _REMEMBERED:
+            passable = free.copy()
+            for place in view.ground.felt(view.time - remembered):
+                grid.leave_out(passable, place, _AROUND)
+            passable[grid.cell(here)] = True
+            self.choose(view, grid, passable)
+            if self.goal is not None:
+                return
 
     def _is_stuck(self, view: View) -> bool:
         """Whether it wants to get on and has not for a while."""
-        last = self._anchor
+        last, here = self._anchor, view.pose[:2]
         moved = last is None or (
-            math.dist(view.pose[:2], last.pose[:2]) > 0.15
-            or abs(math.remainder(view.pose[2] - last.pose[2], math.tau)) > 0.3
+            math.dist(here, last.pose[:2]) > _MOVED[0]
+            or abs(math.remainder(view.pose[2] - last.pose[2], math.tau)) > _MOVED[1]
         )
-        if moved or self.goal is None:
+        if self.goal is None:
+            self._anchor, self._pushed = view, math.inf
+            return False
+        if max(map(abs, self._told)) > _IDLE[1] or self._pushed > view.time:
+            self._pushed = view.time
+        elif view.time - self._pushed > _IDLE[0]:  # something is before it where its way leads
+            self._pushed = math.inf
+            return True
+        self._track.append((view.time, here))
+        while self._track[0][0] < view.time - _SLOW[0]:
+            self._track.popleft()
+            if math.dist(here, self._track[0][1]) < _SLOW[1]:  # it turns to and fro
+                return True
+        if moved:
             self._anchor = view
             return False
         assert last is not None
@@ -213,7 +301,7 @@ class _Traveller(Policy):
         aim = self._way[ahead]
         error = math.remainder(math.atan2(aim[1] - y, aim[0] - x) - yaw, math.tau)
         free = _free(view.scan)
-        speed = CRUISE * min(max((free - _ROOM) / 0.8, 0.0), 1.0)
+        speed = CRUISE * min(max((free - _NEAR) / 0.8, 0.0), 1.0)
         return _steer(error, speed)
 
 
@@ -224,25 +312,28 @@ class Explore(_Traveller):
 
     def __init__(self) -> None:
         super().__init__()
-        self._given_up: list[Place] = []
+        self._given_up: deque[tuple[float, Place, float]] = deque()
 
     def blocked(self, view: View) -> None:
-        """That frontier cannot be reached."""
+        """That frontier cannot be reached; before what it cannot climb, those beside it neither."""
         if self.goal is not None:
-            self._given_up.append(self.goal)
+            climbs = math.hypot(*view.lean) > _LEANS / 3.0
+            self._given_up.append((view.time, self.goal, _WIDELY if climbs else _GIVEN_UP))
         self.goal = None
 
     def choose(self, view: View, grid: Grid, passable: Cells) -> None:
         """The nearest one; one where it already stands shows nothing new and is given up."""
         here = view.pose[:2]
         if self.goal is not None and math.dist(here, self.goal) < _CLOSE:
-            self._given_up.append(self.goal)
+            self._given_up.append((view.time, self.goal, _GIVEN_UP))
+        while self._given_up and view.time - self._given_up[0][0] > _RETRY:
+            self._given_up.popleft()
         worth = grid.near(grid.frontier(), 0.5) >= 5
-        for place in self._given_up:
-            grid.leave_out(worth, place, 0.7)
+        for _, place, radius in self._given_up:
+            grid.leave_out(worth, place, radius)
         cells = np.nonzero(worth)
         if not len(cells[0]):
-            self.goal, self._way = None, []
+            self.goal, self._way, self.why = None, [], "all floor that it knows a way to is seen"
             return
         turning = _TURNING * grid.turns(cells, view.pose)
         dearer = [(grid.within(cells, here, 2.0 * _CLOSE), 5.0)]  # it sees those by leaving
@@ -263,6 +354,54 @@ class Explore(_Traveller):
             self.go_to(grid, steps, (int(cells[0][best]), int(cells[1][best])))
         else:
             self.goal, self._way = None, []
+            self.why = "no way leads to what is not seen yet"
+
+
+class Search(Explore):
+    """Explores; where nothing is left to explore it goes to where no robot was for longest."""
+
+    name = "search"
+    at_rest = (0.3, -0.3)  # it looks around: where it came from may be free
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._again: Place | None = None
+
+    def blocked(self, view: View) -> None:
+        """Neither a frontier nor a place to look at again can be reached."""
+        super().blocked(view)
+        if self._again is not None:
+            view.ground.visit(self._again, view.time)
+        self._again = None
+
+    def choose(self, view: View, grid: Grid, passable: Cells) -> None:
+        """A frontier, or else a place that is worth another look: the same until it is there."""
+        super().choose(view, grid, passable)
+        if self.goal is not None:
+            self._again = None
+            return
+        here, again = view.pose[:2], self._again
+        steps = distances(passable, grid.cell(here))
+        if again is not None and math.dist(here, again) > _CLOSE:
+            self.go_to(grid, steps, grid.cell(again))
+            if self.goal is not None:
+                return
+        rows, columns = np.nonzero(steps[::_STRIDE, ::_STRIDE] < FAR)
+        best, chosen = -math.inf, None
+        for row, column in zip(
+            (rows * _STRIDE).tolist(), (columns * _STRIDE).tolist(), strict=True
+        ):
+            place, far = grid.place(row, column), CELL * float(steps[row, column])
+            if far < _NEW or any(math.dist(place, one) < 2.5 for one in view.goals.values()):
+                continue
+            worth = min(view.time - view.ground.visited(place), _OLDEST) - far / _PACE
+            if worth > best:
+                best, chosen = worth, (row, column)
+        if chosen is None:
+            self._again, self.why = None, "it is shut in"
+        else:
+            self.go_to(grid, steps, chosen)
+            self._again = self.goal
 
 
 class Patrol(_Traveller):
@@ -314,7 +453,7 @@ def make(name: str, route: Sequence[Place]) -> Policy:
     """
     if name == Patrol.name:
         return Patrol(route)
-    own: dict[str, type[Policy]] = {one.name: one for one in (Stop, Hold, Explore)}
+    own: dict[str, type[Policy]] = {one.name: one for one in (Stop, Hold, Explore, Search)}
     if name in own:
         return own[name]()
     for entry in entry_points(group=GROUP):
@@ -326,8 +465,34 @@ def make(name: str, route: Sequence[Place]) -> Policy:
 
 def names() -> list[str]:
     """All policies, those of other packages included."""
-    own = [one.name for one in (Stop, Hold, Patrol, Explore)]
+    own = [one.name for one in (Stop, Hold, Patrol, Explore, Search)]
     return own + sorted(one.name for one in entry_points(group=GROUP))
+
+
+def _touches(view: View, off: float, *, walls: bool) -> bool:
+    """Whether so many m on, or back, it would come too near to somebody, or to a wall behind.
+
+    walls: whether those behind count; what is wedged in cannot be choosy.
+    """
+    x, y, yaw = view.pose
+    there = x + off * math.cos(yaw), y + off * math.sin(yaw)
+
+    def nears(disc: Disc) -> bool:
+        far = math.dist(there, disc.place)
+        return far < disc.radius + _CLEAR and far < math.dist((x, y), disc.place)
+
+    if any(map(nears, (*view.ground.people(), *view.ground.others(view.robot)))):
+        return True
+    if off > 0.0 or not walls or math.hypot(*view.lean) > _LEANS:
+        return False
+    return _walls(view, (x + 1.3 * off * math.cos(yaw), y + 1.3 * off * math.sin(yaw)), 0.15)
+
+
+def _walls(view: View, place: Place, radius: float) -> bool:
+    """Whether the map has a wall around a place."""
+    grid = Grid(view.map.cells(), view.map.corner)
+    part, around = grid.disc(place, radius)
+    return bool((around & (grid.cells[part] == WALL)).any())
 
 
 def _free(scan: readings.LaserScan | None) -> float:
@@ -335,7 +500,7 @@ def _free(scan: readings.LaserScan | None) -> float:
     if scan is None:
         return math.inf
     across = np.abs(scan.ranges * np.sin(scan.bearings))
-    ahead = (across < RADIUS) & (np.abs(scan.bearings) < 1.3)
+    ahead = (across < _HALF) & (np.abs(scan.bearings) < 1.3)
     return float(np.nanmin(np.where(ahead, scan.ranges * np.cos(scan.bearings), np.inf)))
 
 
@@ -343,5 +508,7 @@ def _steer(error: float, speed: float) -> Powers:
     """Powers that turn by an error of the heading (rad, clockwise) while going on."""
     turn = min(max(1.2 * error, -0.9), 0.9)
     speed *= max(0.0, 1.0 - abs(error) / 0.8)
+    if abs(speed) < _LEAST < abs(error):  # what turns on the spot has to overcome its tyres
+        turn = math.copysign(max(abs(turn), _LEAST), turn)
     most = max(1.0, abs(speed + turn), abs(speed - turn))
     return (speed + turn) / most, (speed - turn) / most

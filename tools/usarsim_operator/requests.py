@@ -12,6 +12,7 @@ from usarsim_client import HangupError, ProtocolError
 from usarsim_client.commands import links, say
 from usarsim_operator import messages
 from usarsim_operator.arbiter import Outcome
+from usarsim_operator.ground import Disc
 from usarsim_operator.instructing import Instructing
 from usarsim_operator.messages import LATER, Fields, PageError, Request
 from usarsim_operator.pages import Page
@@ -54,6 +55,7 @@ class Desk:
             "mark": self._mark,
             "mark_edit": self._mark_edit,
             "mark_delete": self._mark_delete,
+            "avoid": self._avoid,
             "acknowledge": self._acknowledge,
             "lines": self._lines,
             **Instructing(station).handlers,
@@ -407,6 +409,11 @@ class Desk:
         self._station.marks.delete(fields["mark"])
         whose = {"mark": fields["mark"], "page": page.id, "by": page.name}
         self._station.observers.note("mark_delete", whose)
+
+    def _avoid(self, page: Page, fields: Fields, request: Request) -> None:
+        x, y, _ = fields["place"]
+        ground, disc = self._station.autonomy.ground, Disc((x, y), fields["radius"])
+        ground.keep_clear(fields["name"], disc, self._station.time)
 
     def _acknowledge(self, page: Page, fields: Fields, request: Request) -> None:
         if not self._station.alarms.acknowledge(fields["alarm"]):

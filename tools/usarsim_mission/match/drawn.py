@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from usarsim_mission.grid import Grid
+from usarsim_mission.match.standing import TOLD, Standing
 from usarsim_mission.records import Record
 
 _APART = 0.2  # m between two places of a path
@@ -31,7 +32,7 @@ class Way:
     Attributes:
         path: places, thinned. way: m. moving: s.
         modes, cuts, chosen: times in a mode, without a link, and chosen by an operator.
-        touches: times of collisions, and whether with a victim.
+        touches: times of collisions, and whether with a victim. standing: when it stood, and why.
     """
 
     kind: str = ""
@@ -42,6 +43,7 @@ class Way:
     cuts: list[Span] = field(default_factory=list)
     chosen: list[Span] = field(default_factory=list)
     touches: list[tuple[float, bool]] = field(default_factory=list)
+    standing: Standing = field(default_factory=Standing)
     _last: tuple[float, float, float] | None = None
 
     def row(self, time: float, pos: Any, linear: Any) -> None:
@@ -95,11 +97,14 @@ class Drawn:
     map: Grid | None = None
     session: Mapping[str, Any] = field(default_factory=dict)
     last: float = 0.0
+    _stopped: bool = False
 
     def take(self, record: Record) -> None:
         """The next record."""
         time, kind, name = record["t_sim"], record["kind"], record.get("robot")
         self.last = max(self.last, time)
+        if isinstance(name, str) and kind in TOLD:
+            self._robot(name).standing.take(record)
         match kind:
             case "session":
                 self.session = record
@@ -107,7 +112,11 @@ class Drawn:
                     self._robot(one["name"]).kind = str(one.get("class", ""))
             case "truth":
                 for row in record["robots"]:
-                    self._robot(row["name"]).row(time, row.get("pos"), row.get("linear"))
+                    robot = self._robot(row["name"])
+                    robot.row(time, row.get("pos"), row.get("linear"))
+                    robot.standing.row(time, row, self._stopped)
+            case "estop":
+                self._stopped = bool(record["on"])
             case "score":
                 self.scores.append((time, record["total"]))
             case "found":

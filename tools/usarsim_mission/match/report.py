@@ -14,11 +14,11 @@ from typing import Any
 from usarsim_mission.errors import RunLogError
 from usarsim_mission.league.gathering import flaw_of
 from usarsim_mission.look import COLOURS, facts, number, page, table
-from usarsim_mission.match import floor_plan, timeline
+from usarsim_mission.match import floor_plan, standing, timeline
 from usarsim_mission.match.drawn import Drawn
 from usarsim_mission.model import Mission, World
 from usarsim_mission.runlog import RunFolder
-from usarsim_mission.scoring import Rules
+from usarsim_mission.scoring import VARIABLES, Rules
 from usarsim_server.errors import at
 from usarsim_server.files import reason, write_text
 
@@ -143,6 +143,7 @@ def _parts(
     yield "<h2>What the points are made of</h2>" + _made_of(rules, result)
     yield "<h2>Victims</h2>" + _victims(result, numbers, began)
     yield "<h2>Robots</h2>" + _robots(drawn, result, over - began)
+    yield _stood(drawn, began)
 
 
 def _glance(result: dict[str, Any]) -> str:
@@ -182,11 +183,13 @@ def _made_of(rules: Rules, result: dict[str, Any]) -> str:
         )
         rows.append([escape(words), number(points, 2), bar])
     rows.append(["<b>total</b>", f"<b>{number(result['total'], 2)}</b>", ""])
-    formula = escape(rules.expression.text)
-    values = ", ".join(f"{key} {value:.4g}" for key, value in result["values"].items())
+    codes = [
+        [key, escape(VARIABLES[key][1]), f"{value:.4g}"] for key, value in result["values"].items()
+    ]
     return (
         table(("Part", "Points", ""), rows, (1,))
-        + f'<p class="quiet small">{formula}<br>{escape(values)}</p>'
+        + f'<p class="quiet small">points = {escape(rules.expression.text)}</p>'
+        + table(("Code", "Means", "Here"), codes, (2,))
     )
 
 
@@ -205,6 +208,20 @@ def _victims(result: dict[str, Any], numbers: dict[str, int], began: float) -> s
             ]
         )
     return table(("", "Victim", "Found at, s", "By", "Credited", "Why"), rows, (2,))
+
+
+def _stood(drawn: Drawn, began: float) -> str:
+    """When robots stood, and why."""
+    rows = [
+        [escape(name), number(one.begins - began), number(one.ends - one.begins), escape(one.why)]
+        for name, robot in drawn.robots.items()
+        for one in robot.standing.spans
+    ]
+    rule = f"within {standing.NEAR:g} m for {standing.LONG:g} s"
+    if not rows:
+        return f'<p class="quiet">No robot stood ({rule}).</p>'
+    heads = ("Robot", "From, s", "For, s", "Why")
+    return f"<h3>Where they stood ({rule})</h3>" + table(heads, rows, (1, 2))
 
 
 def _robots(drawn: Drawn, result: dict[str, Any], lasted: float) -> str:

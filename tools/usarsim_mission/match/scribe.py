@@ -68,7 +68,7 @@ class Scribe:
         what = facts.get("what")
         if kind in ("mark_set", "mark_edit", "mark_delete"):
             self._tell(kind, **{**facts, **_turned(facts)})
-        elif kind in ("command", "inject", "frame_age"):
+        elif kind in ("command", "inject", "frame_age", "stands"):
             self._tell(kind, **facts)
         elif kind == "page_clock" and isinstance(offset := facts["offset"], float):
             self._tell(kind, **{**facts, "offset": offset - self._began})

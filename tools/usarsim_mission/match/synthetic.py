@@ -5,6 +5,8 @@ far off its axis, and whether something is in between. How well the person does 
 how long each robot is looked at, how far one recognises somebody, how long that takes, how often it
 fails, and how far off the mark is. All that is drawn comes from a seed. What follows goes through
 the gateway as the texts of a page.
+
+Beside that each robot keeps clear of whom its own camera sees, looked at or not.
 """
 
 from __future__ import annotations
@@ -18,6 +20,12 @@ from typing import Any
 from usarsim_client import frames
 from usarsim_client.scene import TruthRow
 from usarsim_server.fields import field
+
+LOW = 0.6
+"""m: who has the pelvis lower than this sits or lies."""
+REACH = (0.5, 0.95)
+"""m from the pelvis to hands and feet of who stands, and of who does not."""
+_MOVED = 0.2  # m after which robots are told anew
 
 Text = Mapping[str, Any]
 """What a page says, without its clock."""
@@ -52,6 +60,7 @@ class SyntheticOperator:
         self._sights: dict[str, float] = {}
         self._blind: set[str] = set()
         self._marked: set[str] = set()
+        self._clear: dict[str, tuple[float, ...]] = {}
 
     def see(self, row: TruthRow) -> Iterator[Text]:
         """What is said after what is true at an instant."""
@@ -64,12 +73,13 @@ class SyntheticOperator:
             yield {"type": "select", "robot": self._robots[self._chosen]}
         robot = self._robots[self._chosen]
         half = math.radians(skill.half_angle_degrees)
-        there = {
-            view.victim
+        seen = [
+            view
             for view in row.views
-            if view.robot == robot and view.clear
-            and view.angle <= half and view.distance <= skill.range
-        }  # fmt: skip
+            if view.clear and view.angle <= half and view.distance <= skill.range
+        ]
+        yield from self._keep_clear(row, {view.victim for view in seen})
+        there = {view.victim for view in seen if view.robot == robot}
         for victim in [one for one in self._sights if one not in there]:
             del self._sights[victim]
         for victim in sorted(there - self._marked):
@@ -77,10 +87,20 @@ class SyntheticOperator:
                 self._sights[victim] = row.time
                 if self._random.random() < skill.miss:
                     self._blind.add(victim)
-            seen = row.time - self._sights[victim]
-            if victim not in self._blind and seen >= skill.reaction - 1e-9:
+            since = row.time - self._sights[victim]
+            if victim not in self._blind and since >= skill.reaction - 1e-9:
                 self._marked.add(victim)
                 yield self._mark(row, robot, victim)
+
+    def _keep_clear(self, row: TruthRow, seen: set[str]) -> Iterator[Text]:
+        """Of whom a robot sees, where they are now."""
+        for one in row.victims:
+            before = self._clear.get(one.name)
+            if one.name in seen and (before is None or math.dist(before, one.pos) > _MOVED):
+                self._clear[one.name] = tuple(one.pos)
+                place = [round(part, 3) for part in frames.flip(one.pos)]
+                radius = REACH[one.pos[2] < LOW]
+                yield {"type": "avoid", "name": one.name, "place": place, "radius": radius}
 
     def _mark(self, row: TruthRow, robot: str, victim: str) -> Text:
         x, y, z = next(one.pos for one in row.victims if one.name == victim)

@@ -55,7 +55,7 @@ class Team:
     folder: str = field(default=".", help="in which it is started, from the file's own")
     environment: Mapping[str, object] = field(factory=dict, help="further variables for it")
     policy: str = field(
-        default="", help="what robots do by themselves: explore, or one of a package"
+        default="", help="what robots do by themselves: search, explore, or one of a package"
     )
     wait: bool = field(default=False, help="controllers are started by hand and waited for")
     console: bool = field(default=False, help="people drive by the pages of the console")
@@ -92,8 +92,8 @@ class Team:
         return bool(self.command) or self.wait
 
 
-DEMO = Team(name="Explorers", policy="explore", synthetic=Skill())
-"""Robots that explore by themselves, watched by a program: what `--demo` runs."""
+DEMO = Team(name="Explorers", policy="search", synthetic=Skill())
+"""Robots that search by themselves, watched by a program: what `--demo` runs."""
 
 
 def read_team(path: Path) -> Team:

@@ -1,0 +1,97 @@
+"""What robots that nobody drives know of the floor beside their map, together.
+
+Scanners see one height: over what is low they look away. So the team remembers whom somebody has
+seen or marked, what has stopped or tilted one of its robots, where the others are, and when it was
+where last.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from usarsim_operator.navigation import Place
+
+PERSON = 0.95
+"""m from the pelvis to the feet of somebody who lies: what is kept clear of around a mark."""
+ROBOT = 0.4
+"""m from the middle of a robot to its corners."""
+_MOST = 1000  # people, and things that were felt
+_TRAIL = 60.0  # simulated s for which somebody who walks may come back
+_STEP = 0.3  # m between two places of a trail
+_TILE = 1.0  # m: side of the tiles that count as visited
+
+
+@dataclass(frozen=True, slots=True)
+class Disc:
+    """Something that no robot touches: its middle, and how far it reaches, m."""
+
+    place: Place
+    radius: float
+
+
+class Ground:
+    """Of all robots of one station."""
+
+    def __init__(self) -> None:
+        self._people: dict[str, deque[tuple[float, Disc]]] = {}
+        self._marked: list[Disc] = []
+        self._felt: deque[tuple[float, Place]] = deque(maxlen=_MOST)
+        self._robots: dict[str, Place] = {}
+        self._visits: dict[tuple[int, int], float] = {}
+
+    def keep_clear(self, name: str, disc: Disc, time: float) -> None:
+        """Somebody or something was seen; those who walk leave a trail to which they may return."""
+        if name not in self._people and len(self._people) >= _MOST:
+            return
+        trail = self._people.setdefault(name, deque())
+        while len(trail) > 1 and time - trail[0][0] > _TRAIL:
+            trail.popleft()
+        if trail and math.dist(trail[-1][1].place, disc.place) < _STEP:
+            trail.pop()
+        trail.append((time, disc))
+
+    def mark(self, places: Iterable[Place]) -> None:
+        """Where people are marked now."""
+        self._marked = [Disc(place, PERSON) for place in places]
+
+    def feel(self, time: float, place: Place) -> None:
+        """Something there stopped or tilted a robot."""
+        self._felt.append((time, place))
+
+    def felt(self, since: float) -> Iterator[Place]:
+        """What was felt since a moment."""
+        return (place for time, place in self._felt if time >= since)
+
+    def stand(self, robot: str, place: Place, time: float) -> None:
+        """A robot is somewhere."""
+        self._robots[robot] = place
+        self.visit(place, time)
+
+    def visit(self, place: Place, time: float) -> None:
+        """A place was looked at, or cannot be reached."""
+        self._visits[_tile(place)] = time
+
+    def forget(self, robot: str) -> None:
+        """A robot has left."""
+        self._robots.pop(robot, None)
+
+    def people(self) -> Iterator[Disc]:
+        """Everybody of whom is known where they are or may be."""
+        yield from self._marked
+        for trail in self._people.values():
+            yield from (disc for _, disc in trail)
+
+    def others(self, robot: str) -> Iterator[Disc]:
+        """The robots beside one."""
+        return (Disc(place, ROBOT) for name, place in self._robots.items() if name != robot)
+
+    def visited(self, place: Place) -> float:
+        """When a robot was near a place last; minus infinity if none was."""
+        return self._visits.get(_tile(place), -math.inf)
+
+
+def _tile(place: Place) -> tuple[int, int]:
+    return math.floor(place[0] / _TILE), math.floor(place[1] / _TILE)
