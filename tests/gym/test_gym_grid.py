@@ -7,12 +7,13 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
 from pettingzoo.utils.conversions import parallel_to_aec
 
 from usarsim_exploration.known_map import KNOWN
-from usarsim_gym import ExploreGrid, ExploreTeam
+from usarsim_gym import ExploreGrid, ExplorePhysics, ExploreTeam
 from usarsim_server.errors import UsarsimError
 
 IDS = ("usarsim/ExploreGrid-v0", "usarsim/ExploreFrontiers-v0")
@@ -155,6 +156,62 @@ def test_wrong_words(arguments: dict[str, object], told: str) -> None:
     """One line with the cure."""
     with pytest.raises(UsarsimError, match=told):
         ExploreGrid(**arguments)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("action", [8, -1, 1.5, np.nan, None, "left", [0, 1], [[0], [1, 2]]])
+def test_actions_out_of_the_space(action: object) -> None:
+    """An error of Gymnasium's kind that says which there are; numbers of all types are read."""
+    environment, team = ExploreGrid(ROOMS), ExploreTeam(ROOMS, robots=1)
+    environment.reset(seed=1)
+    team.reset(seed=1)
+    cure = r"\(give a whole number from 0 to 7\)"
+    with pytest.raises(InvalidAction, match=f"action: .* {cure}"):
+        environment.step(action)
+    with pytest.raises(InvalidAction, match=f"robot_1: .* {cure}"):
+        team.step({"robot_1": action})
+    for good in (7, np.int8(0), np.array(3), np.array([3])):
+        environment.step(good)
+
+
+def test_agents_that_are_not_there() -> None:
+    """A team takes an action for each agent that goes on, and for no other."""
+    team = ExploreTeam(ROOMS, robots=2)
+    team.reset(seed=1)
+    for actions, wrong in (({"robot_1": 0}, 2), ({"robot_1": 0, "robot_2": 0, "robot_9": 0}, 9)):
+        with pytest.raises(InvalidAction, match=rf"actions: robot_{wrong} \(give one to each name"):
+            team.step(actions)
+
+
+@pytest.mark.parametrize("kind", [ExploreGrid, ExploreTeam])
+def test_no_episode_goes_on(kind: type[ExploreGrid | ExploreTeam]) -> None:
+    """Before the first reset, and after the end, steps are refused until the next reset."""
+    environment = kind(ROOMS, steps=1, render_mode="rgb_array")
+    action = 0 if kind is ExploreGrid else dict.fromkeys(environment.possible_agents, 0)
+    for call in (lambda: environment.step(action), environment.render):
+        with pytest.raises(ResetNeeded, match="call reset first"):
+            call()
+    for _ in range(2):
+        environment.reset(seed=1)
+        environment.step(action)
+        with pytest.raises(ResetNeeded, match="call reset before the next step"):
+            environment.step(action)
+    assert environment.render() is not None
+
+
+def test_a_world_of_one_cell(tmp_path: Path) -> None:
+    """All robots stand on it, and the first step ends the episode, for all is known."""
+    (tmp_path / "one.txt").write_text("3\n3\n111\n101\n111\n")
+    scenario = {"environment": {"name": str(tmp_path / "one.txt")}}
+    for action in ("heading", "frontier"):
+        environment = ExploreGrid(scenario, action=action)
+        _, facts = environment.reset(seed=1)
+        assert facts["covered"] == 1.0
+        assert environment.step(0)[2]
+        team = ExploreTeam(scenario, robots=2, action=action)
+        team.reset(seed=1)
+        assert all(team.step({"robot_1": 0, "robot_2": 0})[2].values())
+    with pytest.raises(UsarsimError, match=r"one\.txt: there is no room for a robot"):
+        ExplorePhysics(str(tmp_path / "one.txt"))
 
 
 @pytest.mark.parametrize("missing", ["gymnasium", "pettingzoo"])

@@ -1,8 +1,11 @@
 """The environment in MuJoCo: what it sees, what a reset keeps, what two of them share."""
 
+import copy
 import math
+import pickle
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from unittest import mock
 
@@ -11,6 +14,7 @@ import mujoco
 import numpy as np
 import psutil
 import pytest
+from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 from usarsim_exploration.known_map import FREE, WALL
@@ -205,6 +209,35 @@ def test_wrong_words(arguments: dict[str, object], told: str, room: str) -> None
     """One line with the cure."""
     with pytest.raises(UsarsimError, match=told):
         ExplorePhysics(**{"world": room, **arguments})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("action", [[2.0, 0.0], [np.nan, 0.0], np.zeros(3), 0.5, None, "left"])
+def test_actions_out_of_the_space(action: object, lab: ExplorePhysics) -> None:
+    """An error of Gymnasium's kind that says which there are; numbers of all types are read."""
+    lab.reset(seed=1)
+    with pytest.raises(InvalidAction, match=r"action: .* \(give 2 numbers from -1 to 1\)"):
+        lab.step(action)
+    for good in ([1, -1], (0.5, 0.5), np.ones(2, np.float64)):
+        lab.step(good)
+
+
+def test_no_episode_goes_on(room: str) -> None:
+    """Before the first reset, and after the end, steps are refused."""
+    environment = ExplorePhysics(room, steps=1)
+    still = np.zeros(2, np.float32)
+    with pytest.raises(ResetNeeded, match="call reset first"):
+        environment.step(still)
+    environment.reset(seed=1)
+    environment.step(still)
+    with pytest.raises(ResetNeeded, match="call reset before the next step"):
+        environment.step(still)
+
+
+@pytest.mark.parametrize("twin", [copy.deepcopy, pickle.dumps])
+def test_copies_are_refused(twin: Callable[[object], object], lab: ExplorePhysics) -> None:
+    """What MuJoCo has compiled cannot be copied; the error says what to do instead."""
+    with pytest.raises(TypeError, match="make another environment with the same arguments"):
+        twin(lab)
 
 
 def test_the_world_is_gone(room: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, NoReturn
 
 import numpy as np
 from gymnasium import spaces
@@ -28,6 +28,7 @@ from usarsim_gym.level import Rewards
 from usarsim_gym.puppets import Puppet
 from usarsim_gym.rover import TICK, Place, Stage
 from usarsim_gym.seeing import Observation, Picture, map_spaces, surroundings, whole
+from usarsim_server.errors import at
 from usarsim_server.tables import Table
 
 Localisation = Literal["truth", "odometry"]
@@ -75,6 +76,9 @@ class Crew:
         self._radio = create_radio(table)
         table.finish()
         self._world, self._localisation = find(world), localisation
+        if not self._world.starts:
+            problem = "there is no room for a robot beside the base"
+            raise ExplorationError(at(world, problem, "give a map with more free cells"))
         self.robots, self.rewards = robots, rewards
         self.stage = Stage(self._world, robot, robots, speed, reach, noise)
         truth = self._world.environment
@@ -92,6 +96,11 @@ class Crew:
                 "velocity": spaces.Box(-fastest, fastest),
             }
         )
+
+    def __reduce__(self) -> NoReturn:
+        """Raises: TypeError: what MuJoCo has compiled stays where it is."""
+        cure = "make another environment with the same arguments and reset it with the same seed"
+        raise TypeError(f"a world in MuJoCo cannot be copied or pickled ({cure})")
 
     # -- episodes -----------------------------------------------------------------------------
 
@@ -133,7 +142,7 @@ class Crew:
         before = [one.place for one in self.stage.rovers]
         orders = {}
         for number, action in told.items():
-            ahead, right = np.clip(np.asarray(action, np.float64), -1.0, 1.0).tolist()
+            ahead, right = action.tolist()
             orders[number - 1] = ahead, SPIN * right
         self.stage.step(orders)
         self._steps += 1

@@ -7,9 +7,10 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.error import InvalidAction
 from pettingzoo import ParallelEnv
 
-from usarsim_gym.level import Level
+from usarsim_gym.level import Level, Turn, checked
 from usarsim_gym.seeing import Observation, Picture
 
 Facts = dict[str, Any]
@@ -22,7 +23,7 @@ class Alone(gymnasium.Env[Observation, Any]):
 
     def __init__(self, level: Level, render_mode: str | None) -> None:
         """render_mode: `rgb_array`, or None for no pictures."""
-        self.level = level
+        self.level, self._turn = level, Turn()
         self.observation_space = level.observation_space
         self.action_space = level.action_space
         self.render_mode = render_mode
@@ -33,17 +34,31 @@ class Alone(gymnasium.Env[Observation, Any]):
         """A new episode. options: none are known."""
         super().reset(seed=seed)
         self.level.begin(self.np_random)
+        self._turn.begin()
         return self.level.observe(1), self.level.facts(1)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, Facts]:
-        """One step of the level."""
+        """One step of the level.
+
+        Raises:
+            ResetNeeded: no episode goes on. InvalidAction: the space has no such action.
+        """
         level = self.level
-        level.step({1: action})
+        self._turn.check_step()
+        level.step({1: checked(level.action_space, action, "action")})
+        self._turn.over = level.ended or level.cut
         return level.observe(1), level.reward(1), level.ended, level.cut, level.facts(1)
 
     def render(self) -> Picture | None:
-        """What is known; None unless `render_mode` is `rgb_array`."""
-        return self.level.picture() if self.render_mode == "rgb_array" else None
+        """What is known; None unless `render_mode` is `rgb_array`.
+
+        Raises:
+            ResetNeeded: there was no episode yet.
+        """
+        if self.render_mode != "rgb_array":
+            return None
+        self._turn.check_begun()
+        return self.level.picture()
 
 
 class Together(ParallelEnv[str, Observation, Any]):
@@ -58,7 +73,7 @@ class Together(ParallelEnv[str, Observation, Any]):
 
     def __init__(self, level: Level, render_mode: str | None) -> None:
         """render_mode: `rgb_array`, or anything else for no pictures."""
-        self.level = level
+        self.level, self._turn = level, Turn()
         self.possible_agents = [f"robot_{n}" for n in range(1, level.robots + 1)]
         self.agents: list[str] = []
         self._numbers = {name: number for number, name in enumerate(self.possible_agents, 1)}
@@ -85,6 +100,7 @@ class Together(ParallelEnv[str, Observation, Any]):
         if seed is not None:
             self._random = np.random.default_rng(seed)
         self.level.begin(self._random)
+        self._turn.begin()
         self.agents = list(self.possible_agents)
         return self._observations(self.agents), self._facts(self.agents)
 
@@ -93,18 +109,41 @@ class Together(ParallelEnv[str, Observation, Any]):
     ) -> tuple[
         dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, Facts]
     ]:
-        """One step of the level. A robot that failed is terminated; the others go on."""
+        """One step of the level. A robot that failed is terminated; the others go on.
+
+        Raises:
+            ResetNeeded: no episode goes on. InvalidAction: an agent has none, or the space has no
+                such action, or no such agent goes on.
+        """
         level, acting = self.level, list(self.agents)
-        level.step({self._numbers[name]: actions[name] for name in acting})
+        self._turn.check_step()
+        if actions.keys() != set(acting):
+            wrong = sorted(actions.keys() ^ set(acting))
+            cure = "give one to each name in `agents`, and to no other"
+            raise InvalidAction(f"actions: {', '.join(map(str, wrong))} ({cure})")
+        level.step(
+            {
+                self._numbers[name]: checked(level.action_space, actions[name], name)
+                for name in acting
+            }
+        )
         rewards = {name: level.reward(self._numbers[name]) for name in acting}
         terminated = {name: level.ended or not level.works(self._numbers[name]) for name in acting}
         truncated = dict.fromkeys(acting, level.cut)
         self.agents = [name for name in acting if not (terminated[name] or truncated[name])]
+        self._turn.over = not self.agents
         return self._observations(acting), rewards, terminated, truncated, self._facts(acting)
 
     def render(self) -> Picture | None:
-        """What the team knows together; None unless `render_mode` is `rgb_array`."""
-        return self.level.picture() if self.render_mode == "rgb_array" else None
+        """What the team knows together; None unless `render_mode` is `rgb_array`.
+
+        Raises:
+            ResetNeeded: there was no episode yet.
+        """
+        if self.render_mode != "rgb_array":
+            return None
+        self._turn.check_begun()
+        return self.level.picture()
 
     def close(self) -> None:
         """Nothing is held."""

@@ -117,9 +117,10 @@ class Game:
         environment = replace(world.environment, walls=_reachable(drawn))
         base, *robots = scenario.team
         team = [replace(base, cell=drawn.base)]
+        starts = drawn.starts or (drawn.base,)  # a world of one cell has no other
         for number, robot in enumerate(robots):
             turn = math.atan2(*HEADINGS[int(random.integers(len(HEADINGS)))][::-1])
-            cell = drawn.starts[number % len(drawn.starts)]
+            cell = starts[number % len(starts)]
             team.append(replace(robot, cell=cell, heading=turn))
         radio: Radio = scenario.radio
         if self.robots == 1:  # nobody to talk to: links need not be found
@@ -143,10 +144,10 @@ class Game:
             puppet, view = body.strategy, body.view
             assert isinstance(puppet, Puppet)
             if self._action == "heading":
-                puppet.plan, puppet.turn = straight(view, int(action))
+                puppet.plan, puppet.turn = straight(view, action)
             else:
                 puppet.plan, puppet.turn = (
-                    self._choices[number].plan(view, int(action)),
+                    self._choices[number].plan(view, action),
                     behind(view),
                 )
             self._vain[number] = self._action == "heading" and not puppet.plan.path

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.error import InvalidAction, ResetNeeded
 
 from usarsim_exploration.errors import ExplorationError
 from usarsim_gym.seeing import Observation, Picture
@@ -69,3 +70,57 @@ class Level(Protocol):
 
     def picture(self) -> Picture:
         """The team's map."""
+
+
+@dataclass(slots=True)
+class Turn:
+    """Whether an episode goes on.
+
+    Attributes:
+        begun: there was one. over: the last one has ended, or was cut off.
+    """
+
+    begun: bool = False
+    over: bool = False
+
+    def begin(self) -> None:
+        """A new one."""
+        self.begun, self.over = True, False
+
+    def check_begun(self) -> None:
+        """Raises: ResetNeeded: there was none yet."""
+        if not self.begun:
+            raise ResetNeeded("there is no episode yet (call reset first)")
+
+    def check_step(self) -> None:
+        """Raises: ResetNeeded: none goes on."""
+        self.check_begun()
+        if self.over:
+            raise ResetNeeded("the episode is over (call reset before the next step)")
+
+
+def checked(space: spaces.Space[Any], action: Any, name: str) -> Any:
+    """An action as an int or an array of float64, whatever type of number it came in.
+
+    Args:
+        space: it is of. action: from outside. name: for the error.
+
+    Raises:
+        InvalidAction: the space has no such action.
+    """
+    try:
+        found = np.asarray(action)
+    except ValueError:  # rows of different lengths
+        found = np.asarray(None)
+    if isinstance(space, spaces.Discrete):
+        if found.size == 1 and found.dtype.kind in "iu" and 0 <= (number := found.item()) < space.n:
+            return number
+        cure = f"give a whole number from 0 to {space.n - 1}"
+    else:
+        assert isinstance(space, spaces.Box)
+        if found.shape == space.shape and found.dtype.kind in "iuf":
+            values = found.astype(np.float64)
+            if ((space.low <= values) & (values <= space.high)).all():
+                return values
+        cure = f"give {space.shape[0]} numbers from {space.low.min():g} to {space.high.max():g}"
+    raise InvalidAction(f"{name}: {' '.join(repr(action).split())[:60]} ({cure})")
