@@ -5,6 +5,7 @@ import inspect
 import random
 import sys
 import time
+from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -70,6 +71,74 @@ class Talk(Mover):
         return sum(self.told.values()) % 2 == 0
 
 
+PLACES: dict[int, tuple[int, int]] = {}
+LAST: tuple[int, int] | None = None
+
+
+class Apart(Mover):
+    """Keeps away from where another robot is, which a variable of the module says."""
+
+    def right(self, view: View) -> bool:
+        """Away from the other."""
+        PLACES[view.number] = view.cell
+        return view.cell >= PLACES.get(3 - view.number, (0, 0))
+
+
+class Rebound(Mover):
+    """The same, by a variable that is always another object."""
+
+    def right(self, view: View) -> bool:
+        """Away from the one that was asked last."""
+        global LAST
+        other, LAST = LAST, view.cell
+        return other is None or view.cell >= other
+
+
+class Default(Mover):
+    """The same, in the default of an argument."""
+
+    def right(self, view: View, seen: set[tuple[int, int]] = set()) -> bool:  # noqa: B006
+        """Where no robot was."""
+        seen.add(view.cell)
+        return (view.cell[0] + 1, view.cell[1]) not in seen
+
+
+class Queue(Mover):
+    """The same, in an object of a library."""
+
+    queue: ClassVar[deque[tuple[int, int]]] = deque(maxlen=2)
+
+    def right(self, view: View) -> bool:
+        """Away from the one that was asked before."""
+        self.queue.append(view.cell)
+        return view.cell >= self.queue[0]
+
+
+class Board:
+    """Not a strategy."""
+
+    first = second = third = (0, 0)
+
+
+class Posted(Mover):
+    """The same, in an object of a class of its own."""
+
+    board: ClassVar[Board] = Board()
+
+    def right(self, view: View) -> bool:
+        """Away from the one that was asked before."""
+        self.board.first = self.board.second = (0, 1)
+        other, self.board.third = self.board.third, view.cell
+        return view.cell >= other
+
+
+class One(Mover):
+    """All robots have the same object."""
+
+    def __deepcopy__(self, memo: object) -> "One":
+        return self
+
+
 class Jump(Mover):
     """Is suddenly somewhere else."""
 
@@ -85,12 +154,18 @@ CHEATS = [
     (Chance, "draws from a global generator of random numbers"),
     (Talk, "knows what only others have seen, though no radio works"),
     (Jump, "changes view.cell"),
+    (Apart, f"keeps what other robots can read ({__name__}.PLACES)"),
+    (Rebound, f"keeps what other robots can read ({__name__}.LAST)"),
+    (Default, f"keeps what other robots can read ({__name__}.Default)"),
+    (Queue, f"keeps what other robots can read ({__name__}.Queue)"),
+    (Posted, f"keeps what other robots can read ({__name__}.Posted)"),
+    (One, "is one object for all robots (__deepcopy__)"),
 ]
 
 
 @pytest.mark.parametrize(("cheat", "breach"), CHEATS)
 def test_cheats_are_found(cheat: type[Strategy], breach: str) -> None:
-    """EXP-02, E-83: each of five, and by what it does."""
+    """EXP-02, E-83: each, and by what it does."""
     Talk.told.clear()
     assert breach in check(cheat(), 12)
 
@@ -128,6 +203,26 @@ def test_the_command_names_breaches(tmp_path: Path, capsys: pytest.CaptureFixtur
     (tmp_path / "mine.py").write_text(text)
     assert main(["explore", "check", f"{tmp_path / 'mine.py'}:Mine"]) == 1
     assert "mine.py:Mine: reads a clock (time.time)" in capsys.readouterr().out
+
+
+def test_what_is_kept_in_another_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A module beside the strategy counts, also one that is imported late; to read it is fine."""
+    (tmp_path / "usarsim_told.py").write_text("PLACES = {}\nTURNS = [1, -1]\n")
+    text = inspect.getsource(sys.modules[__name__]).split("\nclass Truth")[0]
+    text += (
+        "\n\nclass Mine(Mover):\n    def right(self, view):\n        import usarsim_told as told\n"
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(tmp_path)
+        for line, breaches in (
+            ("        return told.TURNS[view.step % 2] > 0\n", 0),
+            ("        told.PLACES[view.number] = view.cell\n        return True\n", 1),
+        ):
+            (tmp_path / "mine.py").write_text(text + line)
+            assert main(["explore", "check", f"{tmp_path / 'mine.py'}:Mine"]) == breaches
+            told = capsys.readouterr().out
+            assert ("can read (usarsim_told.PLACES)" in told) == breaches
+        sys.modules.pop("usarsim_told")
 
 
 def test_an_honest_one_passes() -> None:

@@ -2,7 +2,8 @@
 
 A team runs in a small world while every call of the strategy is watched. Then the world is changed
 where nobody has looked, and all decisions have to be the same; and where one robot has not looked
-while no radio works, and that robot's decisions have to be the same (reference E-83).
+while no radio works, and that robot's decisions have to be the same (reference E-83). Variables of
+modules and classes, which all robots share, have to stay as they were.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from usarsim_exploration.cycle import Cycle, Member, set_up
 from usarsim_exploration.environment import Environment
 from usarsim_exploration.known_map import KNOWN
 from usarsim_exploration.radio import Circle
+from usarsim_exploration.shared_state import LIBRARIES, Shared, changes
 from usarsim_exploration.strategy import Letter, Plan, Strategy, View
 
 STEPS = 24
@@ -32,7 +34,6 @@ T = TypeVar("T")
 Decision = tuple[int, int, object]
 """Step, robot and plan."""
 
-_LIBRARIES = frozenset(sys.stdlib_module_names | {"cv2", "llvmlite", "numba", "numpy", "scipy"})
 _CLOCKS = frozenset({"time", "datetime"})
 _SPIES = frozenset({"gc", "sys"})
 _HARMLESS = frozenset({"getsizeof", "intern", "getrecursionlimit"})
@@ -47,16 +48,24 @@ class _Watch:
     """What was seen of a strategy.
 
     Attributes:
-        watching: whether calls are looked at, which takes time.
+        watching: whether calls are looked at, which takes time. shared: what all robots can reach;
+            None: it is not looked at.
         decisions: all plans, in order. breaches: what it did that it may not do.
     """
 
     watching: bool
+    shared: Shared | None = None
     decisions: list[Decision] = field(default_factory=list)
     breaches: dict[str, None] = field(default_factory=dict)
 
     def call(self, view: View, what: Callable[[View], T]) -> T:
         """Call a method of a strategy."""
+        if self.shared is not None:
+            told = self.shared.values()
+            found = what(view)
+            for name in changes(told, self.shared.values()):
+                self.breaches[f"keeps what other robots can read ({name})"] = None
+            return found
         if not self.watching:
             return what(view)
         before = _snapshot(view)
@@ -79,7 +88,7 @@ class _Watch:
 
     def _profile(self, frame: FrameType, event: str, called: Any) -> None:
         caller = str(frame.f_globals.get("__name__", ""))
-        if event != "c_call" or caller == __name__ or caller.partition(".")[0] in _LIBRARIES:
+        if event != "c_call" or caller == __name__ or caller.partition(".")[0] in LIBRARIES:
             return
         owner = getattr(called, "__self__", None)
         module = getattr(called, "__module__", None) or getattr(owner, "__module__", None)
@@ -109,7 +118,10 @@ class _Watched(Strategy):
         self._inner, self._watch = inner, watch
 
     def __deepcopy__(self, memo: dict[int, Any]) -> _Watched:
-        return _Watched(copy.deepcopy(self._inner, memo), self._watch)
+        twin = copy.deepcopy(self._inner, memo)
+        if twin is self._inner:
+            self._watch.breaches["is one object for all robots (__deepcopy__)"] = None
+        return _Watched(twin, self._watch)
 
     def decide(self, view: View) -> Plan | None:
         plan = self._watch.call(view, self._inner.decide)
@@ -131,9 +143,11 @@ def check(strategy: Strategy, steps: int = STEPS) -> list[str]:
         strategy: as it would be given to a run. steps: of each of the five runs.
     """
     world = _world()
-    plain = _run(strategy, world, steps, linked=True)[0].decisions  # imports what it needs, too
+    # the first run imports what it needs, too; a second one would find what was kept already there
+    first, _ = _run(strategy, world, steps, linked=True, shared=Shared(type(strategy)))
+    plain = first.decisions
     watch, cycle = _run(strategy, world, steps, linked=True, watching=True)
-    breaches = list(watch.breaches)
+    breaches = list(first.breaches | watch.breaches)
     if watch.decisions != plain:
         breaches.append("does not do the same again with the same seed")
     seen = [body.view.known.bits & KNOWN != 0 for body in cycle.bodies]
@@ -149,8 +163,9 @@ def check(strategy: Strategy, steps: int = STEPS) -> list[str]:
 
 
 def _run(
-    strategy: Strategy, world: Environment, steps: int, *, linked: bool, watching: bool = False
-) -> tuple[_Watch, Cycle]:
+    strategy: Strategy, world: Environment, steps: int, *, linked: bool, watching: bool = False,
+    shared: Shared | None = None,
+) -> tuple[_Watch, Cycle]:  # fmt: skip
     reach = 1000.0 if linked else 0.0
     cells = ((8, 8), (10, 8), (52, 30))
     team = [
@@ -158,7 +173,7 @@ def _run(
                reach=12 if number else 0, radio_range=reach)
         for number, cell in enumerate(cells)
     ]  # fmt: skip
-    watch = _Watch(watching)
+    watch = _Watch(watching, shared)
     cycle = set_up(world, team, _Watched(strategy, watch), Circle(), SEED)
     for _ in range(steps):
         cycle.advance()

@@ -9,7 +9,8 @@ from usarsim_server.cli.common import Subparsers, add_command
 _EPILOG = (
     "STRATEGY is a name, or FILE.py:CLASS. It is run in a small world, then in others that differ "
     "where no robot has looked; it may not read the true world or a clock, draw from a global "
-    "generator, talk to other robots but by radio, or change its view. Exit code 1 if it does."
+    "generator, talk to other robots but by radio, keep anything where these could read it, or "
+    "change its view. Exit code 1 if it does."
 )
 
 
