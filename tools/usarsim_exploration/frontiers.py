@@ -23,7 +23,7 @@ SMALLEST = 3.0
 """Size below which a frontier is left alone (reference 2)."""
 WIDEST = 3
 """Cells of a passage that may have no frontier of that size."""
-_AROUND = np.ones((3, 3), np.uint8)
+AROUND = np.ones((3, 3), np.uint8)
 _BY_THE_WALL = np.ones((5, 5), np.uint8)
 _BESIDE = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 
@@ -57,7 +57,7 @@ def find_frontiers(
     """
     bits = known.bits
     free = bits & (FREE | WALL) == FREE
-    beside = _near(bits & KNOWN == 0, _AROUND)
+    beside = near(bits & KNOWN == 0, AROUND)
     mask = free & (beside | (bits & SAFE == 0)) if uncertain else free & beside
     return _traced(mask, beside, smallest)
 
@@ -73,21 +73,21 @@ def passages(known: KnownMap) -> list[Frontier]:
     square = np.ones((WIDEST + 1, WIDEST + 1), np.uint8)
     wide = np.asarray(cv2.morphologyEx(free.view(np.uint8), cv2.MORPH_OPEN, square), np.uint8)
     doubtful = (bits & KNOWN == 0) | (bits & (WALL | SAFE) == WALL)
-    mask = free & _near(doubtful, _BESIDE) & ~_near(wide != 0, _BY_THE_WALL)
+    mask = free & near(doubtful, _BESIDE) & ~near(wide != 0, _BY_THE_WALL)
     return _traced(mask, mask, 0.0)
 
 
 def leftovers(known: KnownMap) -> list[Frontier]:
     """Frontiers of any size, anywhere, from where a robot may drive straight into the unknown."""
     bits = known.bits
-    mask = (bits & (FREE | WALL) == FREE) & _near(bits & KNOWN == 0, _BESIDE)
+    mask = (bits & (FREE | WALL) == FREE) & near(bits & KNOWN == 0, _BESIDE)
     return _traced(mask, mask, 0.0)
 
 
-def _near(cells: NDArray[np.bool_], shape: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def near(cells: NDArray[np.bool_], shape: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """What is within a shape around cells."""
-    near = cv2.dilate(cells.view(np.uint8), shape, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    return np.asarray(near, np.uint8).view(np.bool_)
+    wide = cv2.dilate(cells.view(np.uint8), shape, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    return np.asarray(wide, np.uint8).view(np.bool_)
 
 
 def _traced(mask: NDArray[np.bool_], beside: NDArray[np.bool_], smallest: float) -> list[Frontier]:

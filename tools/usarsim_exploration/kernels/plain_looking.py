@@ -54,6 +54,21 @@ def cast(
     tight: bool,
 ) -> Scans:
     """The rays of scans; arguments are those of `looking.look`. shape: rows and columns."""
+    return _rays(clear, shape, reach, fans, offsets, directions, scans, close, tight)[0]
+
+
+def _rays(
+    clear: NDArray[np.uint8],
+    shape: tuple[int, int],
+    reach: int,
+    fans: NDArray[np.int16],
+    offsets: NDArray[np.int32],
+    directions: Floats,
+    scans: Ints,
+    close: int,
+    tight: bool,
+) -> tuple[Scans, Ints]:
+    """Scans, and the index of the last free cell of each of their rays, (scans, rays)."""
     height, width = shape
     stride = width + 2 * reach
     cells = scans[:, :2]
@@ -72,7 +87,7 @@ def cast(
     away = np.hypot(*np.moveaxis(ends - cells[:, None], -1, 0))
     far = reach + 1 if tight and reach <= SHORT else reach - 2
     hits, near = walls & (away < far), at(np.minimum(free, close))
-    return Scans(cells, away, ends, seen, near, hits, directions[scans[:, 2]])
+    return Scans(cells, away, ends, seen, near, hits, directions[scans[:, 2]]), free
 
 
 def _passed(
@@ -80,15 +95,17 @@ def _passed(
     shape: tuple[int, int],
     reach: int,
     fans: NDArray[np.int16],
-    offsets: NDArray[np.int32],
     scans: Ints,
+    free: Ints,
     margin: int,
 ) -> NDArray[np.int32]:
-    """Cells within `margin` of walls that rays pass, flat, each once; see `looking.look`."""
+    """Cells within `margin` of walls that rays pass, flat, each once; see `looking.look`.
+
+    Args:
+        free: index of the last free cell of each ray, (scans, rays).
+    """
     height, width = shape
     stride = width + 2 * reach
-    here = (scans[:, 1] + reach) * stride + scans[:, 0] + reach
-    free, _ = _free(clear, here, stride, reach, fans, offsets, scans, True)
     seen = np.zeros(height * width, np.bool_)
     for (column, row, turn), far in zip(scans.tolist(), free, strict=True):
         along = fans[turn][np.arange(reach) <= far[:, None]].astype(np.int64)
@@ -150,10 +167,10 @@ def look(
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], Ints]:
     """See `looking.look`."""
     shape = bits.shape[0], bits.shape[1]
-    one = cast(clear, shape, reach, fans, offsets, directions, scans, close, tight)
+    one, free = _rays(clear, shape, reach, fans, offsets, directions, scans, close, tight)
     by = np.empty(0, np.int32)
     if tight:
-        by = _passed(clear, shape, reach, fans, offsets, scans, margin)
+        by = _passed(clear, shape, reach, fans, scans, free, margin)
     return take_in(
         bits, one.cells, one.ends, one.free_ends, one.near_ends, one.hits, one.directions, driven,
         by,

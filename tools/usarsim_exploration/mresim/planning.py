@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell
-from usarsim_exploration.frontiers import SMALLEST, Frontier
+from usarsim_exploration.frontiers import AROUND, SMALLEST, Frontier, near
 from usarsim_exploration.known_map import FREE, KNOWN, SAFE, WALL, KnownMap
 
 FIRST = 3
@@ -32,9 +32,7 @@ def find_frontiers(known: KnownMap) -> list[Frontier]:
     """
     bits = known.bits
     free = bits & (FREE | WALL) == FREE
-    unknown = (bits & KNOWN == 0).astype(np.uint8)
-    near = cv2.dilate(unknown, np.ones((3, 3), np.uint8), borderValue=0)
-    beside = near != 0
+    beside = near(bits & KNOWN == 0, AROUND)
     mask = free & (beside | (bits & SAFE == 0))
     outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     found = []

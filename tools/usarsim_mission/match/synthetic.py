@@ -19,11 +19,12 @@ from typing import Any
 
 from usarsim_client import frames
 from usarsim_client.scene import TruthRow
+from usarsim_operator.ground import PERSON
 from usarsim_server.fields import field
 
 LOW = 0.6
 """m: who has the pelvis lower than this sits or lies."""
-REACH = (0.5, 0.95)
+REACH = (0.5, PERSON)
 """m from the pelvis to hands and feet of who stands, and of who does not."""
 _MOVED = 0.2  # m after which robots are told anew
 
