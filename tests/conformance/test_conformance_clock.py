@@ -11,6 +11,7 @@ from usarsim_conformance.clock import SimulatedClock, Stalled
 from usarsim_conformance.control import ControlClient, Robot
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
+from usarsim_conformance.registry import Failed
 from usarsim_conformance.wire import Transcript, Wire
 from usarsim_server.testing import PATIENCE
 
@@ -278,5 +279,30 @@ def test_what_nobody_waited_for_is_received() -> None:
         assert await waiting == b""
         other.write(b"late\r\n")
         assert await wire.receive() == b"late\r\n"
+
+    told(story)
+
+
+def test_what_is_made_in_real_time_is_waited_for_in_both() -> None:
+    """A minute of simulated time passes at once; what comes a moment later is still read, and what
+    never comes is given up."""
+
+    async def story(
+        clock: SimulatedClock, robot: asyncio.StreamWriter, wire: Wire, other: asyncio.StreamWriter
+    ) -> None:
+        await tell(clock, robot, 1.0)
+        reading = asyncio.create_task(wire.read_exactly(2, 60.0, least_wall=PATIENCE))
+        await asyncio.sleep(0)
+        for time in range(2, 72):
+            await tell(clock, robot, float(time))
+        assert not reading.done()
+        other.write(b"OK")
+        assert await reading == b"OK"
+        never = asyncio.create_task(wire.read_exactly(2, 5.0, least_wall=0.01))
+        await asyncio.sleep(0)
+        for time in range(72, 82):
+            await tell(clock, robot, float(time))
+        with pytest.raises(Failed, match="2 bytes did not come"):
+            await never
 
     told(story)

@@ -11,6 +11,7 @@ from toy_world import Plan, Toy
 from virtual_station import VirtualPage, VirtualStation
 
 from usarsim_operator import policies
+from usarsim_operator.ground import Disc, Ground
 from usarsim_operator.navigation import FAR, FREE, WALL, Grid, distances, way
 from usarsim_operator.occupancy import CELL, OccupancyMap
 from usarsim_operator.policies import View
@@ -43,15 +44,23 @@ def _floor(grid: Grid, plan: Plan) -> float:
     return float(np.mean([grid.cells[one] == FREE for one in places]))
 
 
-def _view(toy: Toy, map: OccupancyMap) -> View:
-    return View(toy.time, (toy.x, toy.y, toy.yaw), toy.scan(), map, {})
+def _view(toy: Toy, map: OccupancyMap, ground: Ground | None = None) -> View:
+    pose = toy.x, toy.y, toy.yaw
+    return View(toy.time, pose, toy.scan(), map, {}, ground or Ground(), "R")
 
 
-def _go(policy: policies.Policy, toy: Toy, map: OccupancyMap, seconds: float) -> list[Toy]:
+def _go(
+    policy: policies.Policy,
+    toy: Toy,
+    map: OccupancyMap,
+    seconds: float,
+    ground: Ground | None = None,
+) -> list[Toy]:
     """Let a policy drive; where the robot was at each tenth of a second."""
-    places = []
+    places, ground = [], ground or Ground()
     for count in range(round(seconds / 0.1)):
-        view = _view(toy, map)
+        ground.stand("R", (toy.x, toy.y), toy.time)
+        view = _view(toy, map, ground)
         assert view.scan is not None
         if count % 5 == 0:
             map.add(view.pose, view.scan.bearings, view.scan.ranges, 8.0)
@@ -69,6 +78,29 @@ def test_explore_sees_all_rooms() -> None:
     assert _floor(Grid(map.cells(), map.corner), ROOMS) > 0.95
     assert policy.goal is None
     assert policy.powers(_view(toy, map)) == (0.0, 0.0)
+
+
+def test_search_goes_round_again() -> None:
+    """Where `explore` stands, since all is seen, `search` comes back to every room."""
+    map, toy, ground = OccupancyMap(), Toy(ROOMS, 1.0, 1.0, 0.7, speed=1.0), Ground()
+    explore = policies.make("explore", ())
+    _go(explore, toy, map, 90.0, ground)
+    assert explore.why == "all floor that it knows a way to is seen"
+    search = policies.make("search", ())
+    places = _go(search, toy, map, 180.0, ground)
+    assert {(one.x < 4.5, one.y < 4.5) for one in places} == {
+        (True, True), (False, True), (False, False), (True, False),
+    }  # fmt: skip
+
+
+def test_people_are_kept_clear_of() -> None:
+    """Somebody who lies where no scanner sees is not touched: robots pass beside."""
+    map, toy, ground = OccupancyMap(), Toy(ROOMS, 1.0, 1.0, 0.7, speed=1.0), Ground()
+    lies = 2.4, 2.4
+    ground.keep_clear("Ada", Disc(lies, 0.5), 0.0)
+    places = _go(policies.make("explore", ()), toy, map, 60.0, ground)
+    assert min(math.dist((one.x, one.y), lies) for one in places) > 0.5 + 0.25
+    assert max(one.x for one in places) > 5.0
 
 
 def test_explore_leaves_from_what_its_scanner_never_saw() -> None:
