@@ -1,8 +1,8 @@
-"""What robots that nobody drives know of the floor beside their map, together.
+"""Keeps what the unattended robots of a station know of the floor beside their map.
 
-Scanners see one height: over what is low they look away. So the team remembers whom somebody has
-seen or marked, what has stopped or tilted one of its robots, where the others are, and when it was
-where last.
+A flat scanner sees one height and misses what is lower. So the robots share the people that a
+camera has seen or an operator has marked, the places where one of them was stopped or tilted,
+where each robot is, and when each place was visited last.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Disc:
 
 
 class Ground:
-    """Of all robots of one station."""
+    """The shared knowledge of all robots of one station; times are simulated s."""
 
     def __init__(self) -> None:
         self._people: dict[str, deque[tuple[float, Disc]]] = {}
@@ -43,7 +43,7 @@ class Ground:
         self._visits: dict[tuple[int, int], float] = {}
 
     def keep_clear(self, name: str, disc: Disc, time: float) -> None:
-        """Somebody or something was seen; those who walk leave a trail to which they may return."""
+        """Note where a person was seen. Who walks leaves a trail of discs, as they may come back."""
         if name not in self._people and len(self._people) >= _MOST:
             return
         trail = self._people.setdefault(name, deque())
@@ -54,38 +54,38 @@ class Ground:
         trail.append((time, disc))
 
     def mark(self, places: Iterable[Place]) -> None:
-        """Where people are marked now."""
+        """Replace the places of people that operators have marked."""
         self._marked = [Disc(place, PERSON) for place in places]
 
     def feel(self, time: float, place: Place) -> None:
-        """Something there stopped or tilted a robot."""
+        """Note a place where something stopped or tilted a robot."""
         self._felt.append((time, place))
 
     def felt(self, since: float) -> Iterator[Place]:
-        """What was felt since a moment."""
+        """Places that were felt since a moment."""
         return (place for time, place in self._felt if time >= since)
 
     def stand(self, robot: str, place: Place, time: float) -> None:
-        """A robot is somewhere."""
+        """Note where a robot is; the place counts as visited."""
         self._robots[robot] = place
         self.visit(place, time)
 
     def visit(self, place: Place, time: float) -> None:
-        """A place was looked at, or cannot be reached."""
+        """Note that a place was looked at, or that no way leads there."""
         self._visits[_tile(place)] = time
 
     def forget(self, robot: str) -> None:
-        """A robot has left."""
+        """Drop a robot that has left."""
         self._robots.pop(robot, None)
 
     def people(self) -> Iterator[Disc]:
-        """Everybody of whom is known where they are or may be."""
+        """Discs around all places where people are or may be."""
         yield from self._marked
         for trail in self._people.values():
             yield from (disc for _, disc in trail)
 
     def others(self, robot: str) -> Iterator[Disc]:
-        """The robots beside one."""
+        """Discs around all robots but one."""
         return (Disc(place, ROBOT) for name, place in self._robots.items() if name != robot)
 
     def visited(self, place: Place) -> float:

@@ -53,7 +53,7 @@ _SWEEPS = 8
 
 
 def refuse(log: Log, foreign: str) -> None:
-    """Tell in the log why a connection is closed whose first line is of HTTP or TLS."""
+    """Log that a connection is closed because its first line is of HTTP or TLS."""
     log.warning(
         f"connection closed: a client speaks {foreign} to a port of USARSim's text protocol"
     )

@@ -1,7 +1,7 @@
-"""When robots stood in a run, and why, from its records.
+"""Finds in the records of a run when robots stood, and why.
 
-A robot stood if for ten seconds it was never farther than half a metre from where it was at their
-beginning: one that turns round in a dead end comes back to a place, and does not stand.
+A robot stands while it has stayed within `NEAR` of its place of `LONG` before. One that turns
+round in a dead end and comes back to a place does not stand.
 """
 
 from __future__ import annotations
@@ -52,10 +52,11 @@ class Standing:
     _places: deque[tuple[float, float, float]] = field(default_factory=deque)
 
     def row(self, time: float, row: Record, stopped: bool) -> None:
-        """Where it is; stopped: whether everything is.
+        """Note where the robot is.
 
         Args:
             time: simulated s. row: of the truth, about this robot.
+            stopped: whether the emergency stop holds all robots.
         """
         pos, places = row.get("pos"), self._places
         if not pos or pos[0] is None or pos[1] is None:
@@ -102,7 +103,7 @@ class Standing:
         return self.says or UNKNOWN
 
     def take(self, record: Record) -> None:
-        """A record about this robot."""
+        """Note a record that tells why this robot may stand."""
         match record["kind"]:
             case "mode":
                 self.mode, self.policy = record["mode"], str(record.get("policy") or "")

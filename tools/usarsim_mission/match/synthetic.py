@@ -6,7 +6,8 @@ how long each robot is looked at, how far one recognises somebody, how long that
 fails, and how far off the mark is. All that is drawn comes from a seed. What follows goes through
 the gateway as the texts of a page.
 
-Beside that each robot keeps clear of whom its own camera sees, looked at or not.
+Robots are also told to keep clear of the people that any of their cameras sees, whether or not the
+operator looks at that picture.
 """
 
 from __future__ import annotations
