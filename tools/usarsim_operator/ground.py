@@ -43,7 +43,7 @@ class Ground:
         self._visits: dict[tuple[int, int], float] = {}
 
     def keep_clear(self, name: str, disc: Disc, time: float) -> None:
-        """Note where a person was seen. Who walks leaves a trail of discs, as they may come back."""
+        """Note where a person was seen. Who walks leaves a trail of discs, and may come back."""
         if name not in self._people and len(self._people) >= _MOST:
             return
         trail = self._people.setdefault(name, deque())
