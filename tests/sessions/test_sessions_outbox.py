@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 
 from usarsim_server.sessions.outbox import (
     GRACE,
+    GRACE_SHARE,
     LEAST_READ,
     TOGETHER,
+    Grace,
     Outbox,
     OutboxLimits,
 )
@@ -352,9 +354,10 @@ class Clock:
         return self.now
 
 
-def half_full(clock: Clock) -> Outbox:
+def half_full(clock: Clock, grace: Grace | None = None) -> Outbox:
     """An outbox whose streams fill half of a budget of 1 MiB."""
-    outbox = Outbox(limits=OutboxLimits(stream_bytes=1 << 20, stream_lines=1 << 20), clock=clock)
+    limits = OutboxLimits(stream_bytes=1 << 20, stream_lines=1 << 20)
+    outbox = Outbox(limits=limits, clock=clock, grace=grace)
     while outbox.waiting_bytes < 1 << 19:
         outbox.put_stream(b"x" * 1022 + b"\r\n")
     return outbox
@@ -374,17 +377,6 @@ def test_an_empty_outbox_is_not_crowded() -> None:
     assert outbox.crowded, "by lines"
 
 
-def test_who_does_not_read_is_not_waited_for() -> None:
-    """A second of grace, and then it loses lines."""
-    clock = Clock()
-    outbox = half_full(clock)
-    assert outbox.crowded
-    clock.now += GRACE - 0.01
-    assert outbox.crowded
-    clock.now += 0.02
-    assert not outbox.crowded
-
-
 def test_who_reads_is_waited_for_as_long_as_it_takes() -> None:
     """At a little more than the least rate, for a minute in which the server fills up again."""
     clock = Clock()
@@ -397,12 +389,36 @@ def test_who_reads_is_waited_for_as_long_as_it_takes() -> None:
             outbox.put_stream(b"x" * 1022 + b"\r\n")
 
 
+def waited(outbox: Outbox, clock: Clock, seconds: float) -> float:
+    """Let a world ask every 10 ms for so long: the wall time that it waited."""
+    total = 0.0
+    for _ in range(round(seconds / 0.01)):
+        total += 0.01 * outbox.crowded
+        clock.now += 0.01
+    return total
+
+
+def test_clients_that_do_not_read_have_one_grace_together() -> None:
+    """The world waits a second for the first, and then a fiftieth of the time however many there
+    are and however often they come, so that they lose lines. A client that reads is waited for as
+    before."""
+    clock, grace = Clock(), Grace()
+    assert waited(half_full(clock, grace), clock, 3.0) == pytest.approx(GRACE, abs=0.1)
+    more = sum(waited(half_full(clock, grace), clock, 1.0) for _ in range(100))
+    assert more == pytest.approx(100 * GRACE_SHARE, abs=1.0)
+    reader = half_full(clock, grace)
+    assert waited(reader, clock, 1.0) < 0.1
+    for _ in range(2 * LEAST_READ // 1024):
+        reader.take()
+        reader.put_stream(b"x" * 1022 + b"\r\n")
+    assert waited(reader, clock, 3.0) == pytest.approx(2.0, abs=0.1), "it has read so much"
+
+
 def test_who_dawdles_is_waited_for_again_after_it_has_read() -> None:
     """A client that was given up gets its grace again once a quarter is left."""
     clock = Clock()
     outbox = half_full(clock)
-    assert outbox.crowded
-    clock.now += 10.0
+    assert waited(outbox, clock, 10.0) < 2 * GRACE
     assert not outbox.crowded
     while outbox.waiting_bytes >= 1 << 18:
         outbox.take()

@@ -43,7 +43,7 @@ from usarsim_server.services.listener import hung_up
 from usarsim_server.services.port import Guest, PortLimits, PortService, refuse
 from usarsim_server.services.reading import ChunkReader
 from usarsim_server.services.replies import LoopCalls
-from usarsim_server.sessions.outbox import Outbox, OutboxLimits
+from usarsim_server.sessions.outbox import Grace, Outbox, OutboxLimits
 
 if TYPE_CHECKING:  # which stands on the physics
     from usarsim_server.sessions.session import Session
@@ -143,11 +143,13 @@ class ControlService(PortService[ControlLimits]):
         self._agent_factory = session_factory
         self._calls: LoopCalls | None = None
         self._budget = WorkBudget(self._limits.share, pace=pace)
+        self._grace = Grace()
 
     async def _serve(self, client: socket.socket, peer: str) -> None:
         log = self._log.bind(connection=peer)
         calls = self._calls = self._calls or LoopCalls(asyncio.get_running_loop())
-        connection = _Connection(client, self._limits, self._rates, self._budget, calls, log)
+        rates, budget, grace = self._rates, self._budget, self._grace
+        connection = _Connection(client, self._limits, rates, budget, grace, calls, log)
         connection.outbox.put_reply(self._greeting)
         try:
             session = self._agent_factory(peer, connection.outbox, connection.resume)
@@ -185,6 +187,7 @@ class _Connection:
         limits: ControlLimits,
         rates: InputRates,
         budget: WorkBudget,
+        grace: Grace,
         calls: LoopCalls,
         log: Log,
     ) -> None:
@@ -208,7 +211,7 @@ class _Connection:
         self._replied = (0, 0)
         self._worked = 0.0
         self._submitted = 0
-        self.outbox = Outbox(self._wake, limits.outbox)
+        self.outbox = Outbox(self._wake, limits.outbox, grace=grace)
 
     async def run(self, session: Session, heard: Callable[[], None]) -> str:
         """Talk until the client goes or has to go; returns why it ended.

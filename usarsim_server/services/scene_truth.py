@@ -1,9 +1,9 @@
 """The channel `truth` of the scene port: every row, for everybody who asks.
 
-Rows wait for a client in an outbox. As long as that is crowded, and the client reads, simulated
-time waits, as it does for the streams of robots at `--speed max`. A client that reads less than
-that is waited for no longer; the first row that finds no room ends its connection, so nobody ever
-gets rows with a gap.
+Rows wait for a client in an outbox. While that is crowded and the client reads, simulated time
+waits, as it does for the streams of robots at `--speed max`. For clients that do not read it waits
+a second, for all of them together, and a fiftieth of the time after that. The first row that finds
+no room ends a connection, so no client gets rows with a gap.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from usarsim_server.services.scene_channels import Subscriber
-from usarsim_server.sessions.outbox import Outbox
+from usarsim_server.sessions.outbox import Grace, Outbox
 
 if TYPE_CHECKING:  # which stands on the physics
     from usarsim_server.truth.feed import TruthFeed
@@ -23,6 +23,7 @@ class TruthChannel:
     def __init__(self, feed: TruthFeed) -> None:
         """Want nothing yet."""
         self._feed = feed
+        self.grace = Grace()
         self._readers: tuple[_Rows, ...] = ()
         """Replaced, never changed: other threads go through it."""
 
@@ -60,7 +61,7 @@ class _Rows:
 
     def __init__(self, channel: TruthChannel, subscriber: Subscriber) -> None:
         self._channel = channel
-        self.outbox = Outbox(subscriber.wake_soon)
+        self.outbox = Outbox(subscriber.wake_soon, grace=channel.grace)
 
     def take(self) -> bytes | None:
         """See `Subscription`.

@@ -24,7 +24,13 @@ LINE_BYTES = 144
 LEAST_READ = 64 * 1024
 """Bytes per s of wall time that a client has to read to be waited for."""
 GRACE = 1.0
-"""s of wall time for which it is waited for in any case."""
+"""s of wall time for which clients that have read nothing are waited for, all of them together."""
+GRACE_SHARE = 0.02
+"""Part of wall time by which a used `Grace` grows again."""
+EARNED = 5.0
+"""s of wall time for which a client is waited for at most by what it has read before."""
+ASKING = 0.25
+"""s of wall time between two questions, up to which the world is taken to have waited meanwhile."""
 TOGETHER = 16 * 1024
 """Bytes beyond which no further line joins those that leave together."""
 
@@ -50,6 +56,50 @@ class OutboxLimits:
         return self.stream_bytes + self.reply_bytes + lines * LINE_BYTES
 
 
+class Grace:
+    """Wall time for which the world waits for clients, charged while it waits.
+
+    The one that all clients of a port share holds `GRACE` and grows by `GRACE_SHARE` of the time. A
+    client that comes again without ever reading finds what the last one left, and all of them slow
+    the world down by that share. The one of a client holds what the client has earned by reading.
+    """
+
+    def __init__(
+        self, left: float = GRACE, share: float = GRACE_SHARE, most: float = GRACE
+    ) -> None:
+        """Begin.
+
+        Args:
+            left: s of wall time at the beginning.
+            share: part of wall time by which it grows.
+            most: s of wall time that it holds at most.
+        """
+        self._left, self._share, self._most = left, share, most
+        self._lock = threading.Lock()
+        self._asked = 0.0
+        self._waits = False
+
+    def wait(self, now: float) -> bool:
+        """Charge the time since the last call if the world waited, and tell whether it may go on
+        waiting. Thread-safe.
+
+        Args:
+            now: wall time, s.
+        """
+        with self._lock:
+            since, self._asked = now - self._asked, now
+            if self._waits and since < ASKING:
+                self._left -= since
+            self._left = min(self._most, self._left + self._share * since)
+            self._waits = self._left > 0.0
+            return self._waits
+
+    def earn(self, seconds: float) -> None:
+        """Add so much wall time. Thread-safe."""
+        with self._lock:
+            self._left = min(self._most, max(self._left, 0.0) + seconds)
+
+
 class Outbox:
     """The lines of one connection that are not yet handed to the socket.
 
@@ -63,6 +113,7 @@ class Outbox:
         wake: Callable[[], None] | None = None,
         limits: OutboxLimits | None = None,
         clock: Callable[[], float] = time.monotonic,
+        grace: Grace | None = None,
     ) -> None:
         """Make an empty outbox.
 
@@ -71,7 +122,9 @@ class Outbox:
                 having returned None, and once when the outbox is condemned. Must not block.
             limits: see `OutboxLimits`.
             clock: wall time, s; only `crowded` asks it.
+            grace: shared with the other clients of the port; None: one of its own.
         """
+        self._grace = grace or Grace()
         self._wake = wake or _nobody
         self._clock = clock
         self._limits = limits or OutboxLimits()
@@ -84,8 +137,8 @@ class Outbox:
         self._reply_bytes = 0
         self._stream_bytes = 0
         self._half = self._limits.stream_bytes / 2, self._limits.stream_lines / 2
-        self._crowded_since: float | None = None
-        self._read_since = 0
+        self._filled = False  # whether its streams have ever filled half of their budget
+        self._own = Grace(0.0, 0.0, EARNED)
         self._replied = self._replied_bytes = 0
         self._dropped = 0
         self._called = False
@@ -154,28 +207,18 @@ class Outbox:
 
     @property
     def crowded(self) -> bool:
-        """Whether the streams fill half of their budget, and the client reads.
+        """Whether the streams fill half of their budget, and the client is waited for.
 
         A world that runs as fast as it can waits meanwhile, so that lines are lost only by a
-        client that reads less than `LEAST_READ`. One that does not is waited for again when it
-        has read most of what waits.
+        client that reads less than `LEAST_READ`. What a client reads once its streams have filled
+        up earns it time, up to `EARNED`. Without that it is waited for out of the `Grace` of all.
         """
         most, lines = self._half
-        if self._crowded_since is None and self._stream_bytes < most and len(self._stream) < lines:
+        if self._stream_bytes < most and len(self._stream) < lines:
             return False  # nearly always; and it is asked at every turn of the world
-        with self._lock:
-            limits = self._limits
-            fill = max(
-                self._stream_bytes / limits.stream_bytes, len(self._stream) / limits.stream_lines
-            )
-            if fill < 0.25:
-                self._crowded_since = None
-            if fill < 0.5:
-                return False
-            now = self._clock()
-            if self._crowded_since is None:
-                self._crowded_since, self._read_since = now, 0
-            return now - self._crowded_since < GRACE + self._read_since / LEAST_READ
+        self._filled = True
+        now = self._clock()
+        return self._own.wait(now) or self._grace.wait(now)
 
     def condemn(self, reason: str) -> None:
         """Ask for the connection to be closed at once; what waits is discarded. Thread-safe.
@@ -235,7 +278,8 @@ class Outbox:
         if self._stream:
             line = self._stream.popleft()[1]
             self._stream_bytes -= len(line)
-            self._read_since += len(line)
+            if self._filled:
+                self._own.earn(len(line) / LEAST_READ)
             return line
         return None
 

@@ -97,6 +97,7 @@ class Link:
         lives: float | None = None,
         half_closed: bool = False,
         client: socket.socket | None = None,
+        buffer: int | None = None,
     ) -> None:
         """Describe a client; nothing is sent before `step`.
 
@@ -109,12 +110,13 @@ class Link:
             lives: s after which it hangs up and comes back at once; None to stay.
             half_closed: close the sending half once the first words are out.
             client: a connection that exists; one that is lost does not come back.
+            buffer: bytes that its system keeps unread; None: as many as is usual.
         """
         self._port, self._first = port, first
         self._again = again if every or not again else again * (_BLOCK // len(again) + 1)
         self._every, self._reads, self._lives = every, reads, lives
         self._half_closed = half_closed
-        self._client = client
+        self._client, self._buffer = client, buffer
         self._returns = client is None
         self._count = 0
         self._due = 0.0
@@ -151,6 +153,8 @@ class Link:
         self._client = socket.socket()
         self._client.setblocking(False)
         self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if self._buffer is not None:
+            self._client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, self._buffer)
         # Still on its way when the first bytes are sent: they wait, like those of a full buffer.
         self._client.connect_ex((HOST, self._port))
         first = self._first(self._count) if callable(self._first) else self._first

@@ -17,9 +17,9 @@ LOOKED_AT = SUPERVISED[:4]
 _ALL = ["scene", "poses", "lines", "clock"]
 
 
-def hello(token: str = TOKEN) -> bytes:
-    """The first words of a client that wants everything, as often as possible."""
-    return message({"hello": 1, "token": token, "channels": _ALL, "rate_hz": 30})
+def hello(token: str = TOKEN, channels: Sequence[str] = _ALL) -> bytes:
+    """The first words of a client that wants these channels, as often as possible."""
+    return message({"hello": 1, "token": token, "channels": list(channels), "rate_hz": 30})
 
 
 def _ask(request: str, **fields: object) -> bytes:
@@ -98,7 +98,19 @@ def _unauthorised(site: Site) -> Sequence[Link]:
     return [Link(port, hello(), again=INTERVENTIONS, reads=True) for _ in range(15)]
 
 
+def _deaf_truth(site: Site) -> Sequence[Link]:
+    port, first, sign = site.ports["scene"], hello(channels=["truth"]), _ask("rate", rate_hz=30)
+    # A request now and then, by which it notices that it was cut off, and comes again.
+    return [Link(port, first, again=sign, every=0.3, buffer=4096) for _ in range(8)]
+
+
 SCENE_ATTACKS = (
+    Attack(
+        "scene-truth-unread",
+        "8 clients want every row of the truth, never read, and come again",
+        _deaf_truth,
+        options=SUPERVISED,
+    ),
     Attack(
         "scene-unread",
         "16 clients look at everything and never read",
