@@ -211,6 +211,38 @@ def test_close_behind_a_flood_is_noticed(control, end):
     assert eventually(lambda: session.closes == 1)
 
 
+def test_close_behind_more_than_is_read_is_noticed(control, monkeypatch):
+    """A client that closes while its kernel still holds input cannot say so: it is challenged."""
+    monkeypatch.setattr(control_module, "CHALLENGE", 0.3)
+    limits = ControlLimits(backlog_high=50, backlog_low=10, receive_buffer=4096, send_buffer=4096)
+    server = control(limits, hold=True)
+    client, session = server.pair()
+    flood(client, 20_000)
+    assert eventually(lambda: session.backlog > 50)
+    client.close()
+    assert eventually(lambda: session.closes == 1)
+
+
+def test_a_challenge_is_not_seen_by_a_client_that_lives(control, monkeypatch):
+    """It is asked several times while it is not read, stays, and reads whole lines only."""
+    asked = []
+    monkeypatch.setattr(control_module, "CHALLENGE", 0.0)
+    monkeypatch.setattr(control_module, "_HANG_UP_POLL", 0.02)
+    challenge = listener_module.challenge
+    monkeypatch.setattr(
+        control_module, "challenge", lambda client: (challenge(client), asked.append(client))
+    )
+    limits = ControlLimits(backlog_high=50, backlog_low=10, receive_buffer=4096, send_buffer=4096)
+    server = control(limits, hold=True)
+    client, session = server.pair()
+    flood(client, 20_000)
+    assert eventually(lambda: len(asked) > 3)
+    session.outbox.put_stream(b"STA {Time 1.00}\r\n")
+    session.outbox.put_stream(b"STA {Time 2.00}\r\n")
+    assert [client.line(), client.line()] == [b"STA {Time 1.00}\r\n", b"STA {Time 2.00}\r\n"]
+    assert session.closes == 0
+
+
 def test_flooding_client_does_not_delay_another(control):
     """A client that sends as fast as it can leaves others their turn."""
     server = control()

@@ -39,7 +39,7 @@ from usarsim_server.services.limits import (
     input_cost,
     work_cost,
 )
-from usarsim_server.services.listener import hung_up
+from usarsim_server.services.listener import challenge, hung_up
 from usarsim_server.services.port import Guest, PortLimits, PortService, refuse
 from usarsim_server.services.reading import ChunkReader
 from usarsim_server.services.replies import LoopCalls
@@ -71,6 +71,9 @@ LONGEST_REPLY = 256 * 1024
 bounded, comes near half of it."""
 _LINES_PER_TURN = 32
 """Lines sent to one client before others get their turn."""
+CHALLENGE = 10.0
+"""s of wall time without a line to a client whose input is not read, after which it is asked for a
+sign of life (`listener.challenge`)."""
 _HANG_UP_POLL = 0.2
 """Seconds between looks for a hang-up while a client's input is not read; who has had to wait for
 so long in all is told of in the log."""
@@ -207,6 +210,7 @@ class _Connection:
         self._backlog_shrank = asyncio.Event()
         self._paused = False
         self._waited = 0.0
+        self._proved = 0.0  # wall time of the last line to it, or challenge
         self._endless = False
         self._replied = (0, 0)
         self._worked = 0.0
@@ -318,7 +322,7 @@ class _Connection:
         try:
             while not waiting.done():
                 await asyncio.wait({waiting}, timeout=_HANG_UP_POLL)
-                if not waiting.done() and hung_up(self._client):
+                if not waiting.done() and self._gone():
                     return False
         finally:
             self._rates.waiting -= 1
@@ -365,11 +369,7 @@ class _Connection:
         return await self._pause(session, min(limits.backlog_low, high // 2))
 
     async def _pause(self, session: Session, low: int) -> bool:
-        """Read nothing until the backlog is as low as that; False if the client hangs up meanwhile.
-
-        A hang-up shows only once all that the client sent fits the kernel's receive buffer: TCP
-        delivers the end of a stream after its data.
-        """
+        """Read nothing until the backlog is as low as that; False if the client hangs up."""
         self._log.debug("input paused", backlog=session.backlog)
         self._backlog_shrank.clear()
         self._paused = True
@@ -379,12 +379,20 @@ class _Connection:
                     async with asyncio.timeout(_HANG_UP_POLL):
                         await self._backlog_shrank.wait()
                 except TimeoutError:
-                    if hung_up(self._client):
+                    if self._gone():
                         return False
                 self._backlog_shrank.clear()
         finally:
             self._paused = False
         return True
+
+    def _gone(self) -> bool:
+        """Whether a client whose input is not read has hung up."""
+        now = self._loop.time()
+        if now - self._proved > CHALLENGE:
+            self._proved = now
+            challenge(self._client)
+        return hung_up(self._client)
 
     async def _write(self) -> None:
         sent = 0
@@ -407,6 +415,7 @@ class _Connection:
             self._end(f"connection lost: {error.strerror}")
 
     async def _send(self, line: bytes) -> None:
+        self._proved = self._loop.time()
         try:
             taken = self._client.send(line)
         except (BlockingIOError, InterruptedError):

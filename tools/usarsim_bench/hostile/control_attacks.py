@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from usarsim_bench.hostile.attack import MIB, Answers, Attack, Links, holding
@@ -141,6 +142,23 @@ def _world_control(site: Site) -> Sequence[Link]:
     ]
 
 
+def _odd_sizes(site: Site) -> Sequence[Link]:
+    """More orders than are read, each of which needs a larger model; then they hang up."""
+    boss = b"INIT {ClassName USARBot.WorldController} {Name Odd} {Location 0,0,0}\r\n"
+    order = b"CONTROL {Type Create} {ClassName Cube} {Name B%d} {Location 3,3,-9} {Scale %s}\r\n"
+    gone = b"CONTROL {Type Kill} {Name B%d}\r\n"
+
+    def first(number: int, count: int) -> bytes:
+        sizes = (0.1 + 1e-4 * (500 * number + 50 * count + turn) for turn in range(5000))
+        return boss + b"".join(
+            order % (turn, b"%g,%g,%g" % (size, size, size)) + gone % turn
+            for turn, size in enumerate(sizes)
+        )
+
+    port = site.ports["control"]
+    return [Link(port, partial(first, number), lives=3.0) for number in range(8)]
+
+
 def _half_closed(site: Site) -> Sequence[Link]:
     others = [Link(port, b"GETPOS\r\n", half_closed=True) for port in site.ports.values()]
     return [*_robots(8, b"Half", half_closed=True)(site), *others]
@@ -256,6 +274,12 @@ CONTROL_ATTACKS = (
     Attack("failing-spawn", "12 clients send INITs that fail, at full speed", _failing_spawn),
     Attack("growing", "4 robots of ever new classes", _growing, growth=256 * MIB),
     Attack("world-control", "6 world controllers send CONTROL at full speed", _world_control),
+    Attack(
+        "odd-sizes",
+        "8 world controllers hang up on objects of ever new sizes",
+        _odd_sizes,
+        growth=128 * MIB,
+    ),
     Attack("orders", "4 robots are sent orders for their every part at full speed", _orders),
     Attack("avatars", "6 avatars are sent about at full speed", _avatars),
     Attack("half-closed", "8 robots and clients of all ports that never send again", _half_closed),
