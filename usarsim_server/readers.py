@@ -8,9 +8,11 @@ import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from usarsim_server.files import is_folder, is_regular, read_regular
+from usarsim_server.errors import UsarsimError
+from usarsim_server.files import is_folder, is_regular
 from usarsim_server.protocol.images import IMAGE_TYPES, ImageType
 from usarsim_server.tables import Table
+from usarsim_server.toml import read_text
 
 
 def host(table: Table, key: str) -> str:
@@ -100,9 +102,9 @@ def secret(table: Table, key: str) -> str:
     if not is_regular(place):
         return text
     try:
-        found = read_regular(place).decode("utf-8").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise table.error(key, f"{place} cannot be read: {error}", "write another file") from None
+        found = read_text(place, UsarsimError).strip()
+    except UsarsimError as error:
+        raise table.error(key, f"{error}", "write another file") from None
     if not found:
         raise table.error(key, f"{place} is empty", "write some text into it")
     return found

@@ -33,6 +33,7 @@ from usarsim_server import __version__
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError, at
 from usarsim_server.files import write_text
+from usarsim_server.toml import read_text
 
 _EPILOG = (
     "Exit code 0 if no rule that must be kept is broken, else 1. Side channels are judged if their "
@@ -251,10 +252,7 @@ def _compare(arguments: argparse.Namespace) -> int:
 
 def _read(file: Path) -> Report:
     try:
-        return from_json(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        cure = "name a report.json that --report has written"
-        raise UsarsimError(at(file, f"cannot be read: {error.strerror}", cure)) from None
+        return from_json(read_text(file, UsarsimError))
     except ValueError as error:
         cure = "name a report.json that --report has written"
         raise UsarsimError(at(file, f"no report: {error}", cure)) from None

@@ -15,6 +15,7 @@ from usarsim_client.inbox import HangupError, ProtocolError
 from usarsim_client.scene import connect_scene
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError
+from usarsim_server.toml import read_text
 
 RED, YELLOW, BLUE, DIM, PLAIN = "\x1b[31m", "\x1b[33m", "\x1b[36m", "\x1b[2m", "\x1b[0m"
 CONNECT = 10.0
@@ -105,8 +106,8 @@ async def _watch(arguments: argparse.Namespace) -> None:
 def _token(given: str) -> str:
     path = Path(given)
     try:
-        return path.read_text("utf-8").strip() if given and path.is_file() else given
-    except (OSError, ValueError) as error:
+        return read_text(path, UsarsimError).strip() if given and path.is_file() else given
+    except ValueError as error:
         raise UsarsimError(f"{path}: cannot be read: {error}") from None
 
 

@@ -25,6 +25,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from usarsim_server.errors import UsarsimError
+from usarsim_server.files import open_regular, reason
+from usarsim_server.toml import decoded
+
 FORMAT = 1
 CLIENT, SERVER = "client", "server"
 
@@ -174,11 +178,12 @@ def read(path: Path) -> Recording:
         RecordError: if the file cannot be read or is no recording; names the line.
     """
     try:
-        texts = path.read_text(encoding="utf-8").split("\n")
+        with open_regular(path) as file:
+            texts = decoded(file.read(), path, UsarsimError).split("\n")
     except OSError as error:
-        raise RecordError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise RecordError(f"{path}: is no recording of `usarsim record`") from None
+        raise RecordError(f"{path}: cannot be read: {reason(error)}") from None
+    except UsarsimError as error:
+        raise RecordError(str(error)) from None
     links, taken = _header(path, texts[0])
     events: list[Event] = []
     known: set[int] = set()

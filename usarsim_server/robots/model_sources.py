@@ -14,6 +14,7 @@ import numpy as np
 from usarsim_server.errors import RobotDescriptionError, at
 from usarsim_server.files import Folders, is_regular, read_regular, reason
 from usarsim_server.model_check import ALLOW_MODEL, check_model
+from usarsim_server.toml import decoded
 
 LARGEST_TEXT = 16 * 2**20
 """Bytes of a model file; descriptions of robots are some ten kilobytes long."""
@@ -101,15 +102,11 @@ def _speeds(text: str) -> dict[str, float]:
 
 def _text(path: Path) -> str:
     try:
-        return read_regular(path, LARGEST_TEXT).decode("utf-8")
+        return decoded(read_regular(path, LARGEST_TEXT), path, RobotDescriptionError)
     except OSError as error:
         problem = f"cannot be read: {reason(error)}"
         raise RobotDescriptionError(
             at(path, problem, "check body = ... of the robot file")
-        ) from None
-    except UnicodeDecodeError as error:
-        raise RobotDescriptionError(
-            at(path, f"is not UTF-8 text (byte {error.start})", "name an MJCF or URDF file")
         ) from None
 
 
