@@ -30,6 +30,7 @@ from usarsim_conformance.reports import (
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.survey import GROUND, Target
 from usarsim_server import __version__
+from usarsim_server.addresses import bare_host
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError, at
 from usarsim_server.files import write_text
@@ -58,7 +59,7 @@ def add_parser(subparsers: Subparsers) -> None:
         run,
         epilog=_EPILOG,
     )
-    parser.add_argument("--host", default="127.0.0.1", help="address of the server")
+    parser.add_argument("--host", type=bare_host, default="127.0.0.1", help="address of the server")
     parser.add_argument("--port", metavar="N", type=_port, default=3000, help="robot control")
     for service, option in _SIDE_PORTS.items():
         parser.add_argument(
