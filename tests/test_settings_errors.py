@@ -183,7 +183,7 @@ def test_file_that_is_not_utf8_is_refused(tmp_path: Path) -> None:
     """Bytes that are no UTF-8 text are explained."""
     path = tmp_path / "lab.toml"
     path.write_bytes(b'world = "caf\xe9"\n')
-    with pytest.raises(SettingsError, match="not UTF-8 text"):
+    with pytest.raises(SettingsError, match=r"lab.toml: line 1: byte 0xE9 is not UTF-8 \(save"):
         load_settings({}, path)
 
 

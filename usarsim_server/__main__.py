@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from usarsim_server import processes
+from usarsim_server import processes, streams
 
 _UNTIL_INTERRUPTED = (["serve"], ["record"], ["console"], ["demo"])
 """Commands that run until a signal comes, which is no failure then."""
@@ -17,6 +17,7 @@ def main() -> int:
         The exit code: that of the command; 130 or 143 if SIGINT or SIGTERM ended one that would
         have ended by itself.
     """
+    streams.guard()
     processes.arm(ordinary=sys.argv[1:2] in _UNTIL_INTERRUPTED)
     code = 1
     try:

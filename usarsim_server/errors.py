@@ -73,7 +73,16 @@ def problem_and_advice(message: str) -> tuple[str, str | None]:
     return text, None
 
 
+def plain(text: str) -> str:
+    """A text with paths in it, without the bytes that Python keeps of names of files which the
+    locale has no letters for: as UTF-8, or as a mark."""
+    try:
+        return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+    except UnicodeEncodeError:  # halves of letters, which no name of a file has
+        return text.encode("utf-8", "replace").decode()
+
+
 def _shown(path: Path | str) -> str:
     """A path on one line."""
-    text = "".join(char if char.isprintable() else "?" for char in str(path))
+    text = "".join(char if char.isprintable() else "?" for char in plain(str(path)))
     return text if len(text) <= LONGEST_PATH else text[:LONGEST_PATH] + "..."

@@ -25,6 +25,8 @@ from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO, Literal
 
+from usarsim_server.errors import plain
+
 MAX_TEXT = 16 << 20
 """Bytes of a file that people write: settings, robots, worlds. The largest known, the sheet of an
 imported town, has 1.1 MB."""
@@ -100,6 +102,18 @@ def is_folder(path: Path) -> bool:
 def reason(error: OSError) -> str:
     """What is wrong with a file, in a few words."""
     return error.strerror or str(error)
+
+
+def named(text: str) -> str:
+    """A name that stands in the text of a file, as this system takes it.
+
+    In the C locale it takes other letters than those of ASCII as the bytes of UTF-8.
+    """
+    try:
+        os.fsencode(text)
+    except UnicodeEncodeError:
+        return os.fsdecode(text.encode("utf-8", "surrogateescape"))
+    return text
 
 
 class Folders:
@@ -194,12 +208,12 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Replace a file with text in UTF-8.
+    """Replace a file with text in UTF-8, also where paths of other letters stand in it.
 
     Raises:
         OSError: see `replacing`.
     """
-    write_bytes(path, text.encode())
+    write_bytes(path, plain(text).encode())
 
 
 def publish_folder(fresh: Path, target: Path) -> None:

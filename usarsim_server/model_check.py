@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from usarsim_server.errors import UsarsimError, at
-from usarsim_server.files import Folders, is_regular, open_regular, read_regular, reason
+from usarsim_server.files import Folders, is_regular, named, open_regular, read_regular, reason
 
 MAX_TEXT = 64 << 20
 """Bytes of one XML file; the scene of the largest imported map has 3 MB."""
@@ -135,7 +135,7 @@ class _Look:
                         if element.tag in ("include", "model"):
                             todo += map(Path, self._found(element, value))
                     elif key in ("meshdir", "texturedir", "assetdir"):
-                        self.places.add(str(self.home / value))
+                        self.places.add(str(self.home / named(value)))
 
     def check_files(self) -> None:
         """All files that elements name: where they are, what they are, how large."""
@@ -240,7 +240,7 @@ class _Look:
         if _SCHEME.match(name):
             plain = _SCHEME.sub("", name)
             written |= {plain, "/" + plain}
-        texts = {_tidy(text) for text in written if text}
+        texts = {_tidy(named(text)) for text in written if text}
         places = {str(element.path.parent), *self.places}
         # Strings: of a scene of thousands of meshes, paths would be most of the work.
         for path in sorted({os.path.join(place, text) for place in places for text in texts}):

@@ -18,7 +18,7 @@ from usarsim_server.fields import Key, keys
 from usarsim_server.files import read_regular, reason
 from usarsim_server.settings import Settings
 from usarsim_server.tables import Table
-from usarsim_server.toml import parse_toml
+from usarsim_server.toml import decoded, parse_toml
 
 LONGEST_SIDE = 8192
 """Pixels of the full camera picture that can still be rendered everywhere."""
@@ -183,14 +183,12 @@ class _FileTable(Table):
 
 def _file_text(path: Path) -> str:
     try:
-        return read_regular(path).decode("utf-8")
+        return decoded(read_regular(path), path, SettingsError)
     except FileNotFoundError:
         raise SettingsError(at(path, "no such file", "check the path after --config")) from None
     except OSError as error:
         cure = "name a readable file after --config"
         raise SettingsError(at(path, f"cannot be read: {reason(error)}", cure)) from None
-    except UnicodeDecodeError:
-        raise SettingsError(at(path, "not UTF-8 text", "save it as UTF-8")) from None
 
 
 def _where(text: str, key: str) -> str:

@@ -8,14 +8,17 @@ import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from usarsim_server.files import is_folder, is_regular, read_regular
+from usarsim_server.addresses import bare_host
+from usarsim_server.errors import UsarsimError
+from usarsim_server.files import is_folder, is_regular, named
 from usarsim_server.protocol.images import IMAGE_TYPES, ImageType
 from usarsim_server.tables import Table
+from usarsim_server.toml import read_text
 
 
 def host(table: Table, key: str) -> str:
-    """A text without blanks around it."""
-    return table.text(key).strip()
+    """A host, without the brackets of an IPv6 address."""
+    return bare_host(table.text(key))
 
 
 def world(table: Table, key: str) -> str:
@@ -61,7 +64,7 @@ def path(table: Table, key: str, text: str) -> Path:
         raise table.error(key, "no file can have a NUL in its name", "write a path")
     folder = table.path.parent if isinstance(table.path, Path) else Path()
     # Not `Path.expanduser`, which raises where there is no such user.
-    return folder / os.path.expanduser(text)
+    return folder / named(os.path.expanduser(text))
 
 
 def image_type(table: Table, key: str) -> ImageType:
@@ -95,14 +98,14 @@ def samples(table: Table, key: str) -> int:
 
 def secret(table: Table, key: str) -> str:
     """A text, or what stands in the file of that name, without blanks around it."""
-    text = host(table, key)
+    text = table.text(key).strip()
     place = path(table, key, text)
     if not is_regular(place):
         return text
     try:
-        found = read_regular(place).decode("utf-8").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise table.error(key, f"{place} cannot be read: {error}", "write another file") from None
+        found = read_text(place, UsarsimError).strip()
+    except UsarsimError as error:
+        raise table.error(key, f"{error}", "write another file") from None
     if not found:
         raise table.error(key, f"{place} is empty", "write some text into it")
     return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -25,6 +26,9 @@ _LONG_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){{{MAX_DEPT
 """A key of more parts; the time that tomllib needs for one grows with their square."""
 _FLATTEN = f"nest lists and tables at most {MAX_DEPTH} deep"
 _SHORTEN = "write fewer digits"
+_SAVE = "save the file as UTF-8"
+_MARKS = BOM_UTF16_LE, BOM_UTF16_BE
+_ENDS = re.compile(rb"\r\n?|\n")
 
 
 def read_toml(path: Path, error: type[UsarsimError], entry: str = "name") -> dict[str, object]:
@@ -41,21 +45,48 @@ def read_toml(path: Path, error: type[UsarsimError], entry: str = "name") -> dic
     return parse_toml(read_text(path, error), path, error, entry)
 
 
-def read_text(path: Path, error: type[UsarsimError]) -> str:
-    """The text of a file that people write.
+def read_text(path: Path, error: type[UsarsimError], limit: int = MAX_TEXT) -> str:
+    """The text of a file that people write, with LF at the ends of lines.
+
+    Args:
+        path: the file.
+        error: what is raised.
+        limit: bytes that it may have.
 
     Raises:
-        error: if it cannot be read, is no regular file, longer than `MAX_TEXT` or not UTF-8.
+        error: if it cannot be read, is no regular file, longer than the limit or not UTF-8.
     """
     try:
-        text = read_regular(path, MAX_TEXT).decode("utf-8-sig")
-        return text.replace("\r\n", "\n").replace("\r", "\n")
+        data = read_regular(path, limit)
     except OSError as cause:
         problem = f"cannot be read: {reason(cause)}"
         raise error(at(path, problem, "check the path and its rights")) from cause
+    return decoded(data, path, error)
+
+
+def decoded(data: bytes, path: Path | str, error: type[UsarsimError]) -> str:
+    """The text of bytes in UTF-8 that people wrote, with LF at the ends of lines.
+
+    The byte order mark that editors put before it is left out.
+
+    Args:
+        data: the bytes.
+        path: where they come from, for errors.
+        error: what is raised.
+
+    Raises:
+        error: they are not UTF-8; names the line.
+    """
+    if data[:2] in _MARKS or data[1:4:2] == b"\0\0":
+        raise error(at(path, "is in UTF-16", _SAVE))
+    try:
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as cause:
-        problem = f"byte {cause.start} is not UTF-8"
-        raise error(at(path, problem, "save the file as UTF-8")) from cause
+        read, start = cause.object, cause.start
+        problem = f"byte 0x{read[start]:02X} is not UTF-8"
+        line = len(_ENDS.findall(read, 0, start)) + 1
+        raise error(at(path, problem, _SAVE, where=f"line {line}")) from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def parse_toml(

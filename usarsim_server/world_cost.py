@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from usarsim_server.errors import UsarsimError, at
-from usarsim_server.files import read_regular
+from usarsim_server.files import named, read_regular
 
 MIB = 1 << 20
 
@@ -140,7 +140,7 @@ def cost_of(scene: Path) -> WorldCost:
             hulls += 1
             points += (numbers.count(b" ") + 1) // 3
         for found in _MESH_FILE.finditer(text):
-            mesh = path.parent / found[1].decode("utf-8", "replace")
+            mesh = path.parent / named(found[1].decode("utf-8", "replace"))
             name = _NAME.search(found[0])
             if mesh.is_file():
                 meshes += mesh.stat().st_size
@@ -243,7 +243,9 @@ def _files(scene: Path) -> Iterator[tuple[Path, bytes]]:
         seen.add(path)
         text = read_regular(path)
         yield path, text
-        found = (path.parent / name.decode("utf-8", "replace") for name in _FILE.findall(text))
+        found = (
+            path.parent / named(name.decode("utf-8", "replace")) for name in _FILE.findall(text)
+        )
         todo += [one for one in found if one.is_file()]
 
 

@@ -228,7 +228,7 @@ def test_recorded_links_hold_until_the_next_listed_step(tmp_path: Path) -> None:
     [
         ("", "line 1: has no header"),
         ("step,one\n", "line 1: has no header"),
-        ("1,2\n", "line 2: '1,2' is no link"),
+        ("1,2\n", "line 2: 2 cells, not 3 as in the header"),
         ("1,2,2\n", "line 2: '1,2,2' is no link"),
         ("1,,2\n", "line 2: '1,,2' is no link"),
         ("1,0,x\n", "line 2"),

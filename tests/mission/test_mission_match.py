@@ -18,6 +18,7 @@ from usarsim_mission.match.scribe import Scribe
 from usarsim_mission.match.synthetic import Skill, SyntheticOperator
 from usarsim_mission.match.team import read_team
 from usarsim_mission.scenario.description import Event
+from usarsim_server.cli import main
 
 _MISSION = """
 schema = "usar-mission/1"
@@ -71,6 +72,13 @@ def _team(folder: Path, text: str) -> Path:
         ('name = "A"\ncommand = ["run", "{prot}"]', "{prot}"),
         ('name = "A"\nwait = true\n[synthetic]', "stands without policy"),
         ('name = "A', "is not valid TOML"),
+        (
+            'name = "A"\npolicy = "serch"',
+            "line 2: policy: 'serch' is not known (did you",
+        ),
+        ('name = "A"\nwait = true\nfolder = "gone"', "line 3: folder: 'gone' is no folder"),
+        ('name = "A"\nwait = true\n[environment]\n"A=B" = 1', "'A=B' is no name of a variable"),
+        ('name = "A"\nwait = true\n[environment]\nA = [1]', "A: [1] is no value of a variable"),
     ],
 )
 def test_what_a_team_cannot_be(tmp_path: Path, text: str, why: str) -> None:
@@ -79,6 +87,27 @@ def test_what_a_team_cannot_be(tmp_path: Path, text: str, why: str) -> None:
         read_team(path)
     assert why in str(found.value)
     assert str(path) in str(found.value)
+
+
+def test_a_team_file_with_a_byte_order_mark(tmp_path: Path) -> None:
+    """Notepad's mark is skipped; UTF-16 is one error."""
+    path = tmp_path / "team.toml"
+    path.write_bytes('\ufeffname = "Bär"\r\npolicy = "hold"\r\n'.encode())
+    assert read_team(path).name == "Bär"
+    path.write_bytes('name = "Bär"\n'.encode("utf-16"))
+    with pytest.raises(MissionError, match=r"is in UTF-16 \(save the file as UTF-8\)"):
+        read_team(path)
+
+
+def test_a_patrol_needs_routes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A team that patrols a mission without routes is refused before a server is started."""
+    path = _team(tmp_path, 'name = "A"\npolicy = "patrol"\n')
+    words = ["arena-search", f"--team={path}", f"--out={tmp_path / 'out'}"]
+    assert main(["mission", "run", *words]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"error: {path}: policy: ")
+    assert "is to patrol and has no route in the mission (add route" in told
+    assert not (tmp_path / "out").exists()
 
 
 def _row(time: float, *views: tuple[str, str, float, float, bool]) -> Any:

@@ -7,6 +7,7 @@ import contextlib
 import io
 import json
 import socket
+import tempfile
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
@@ -39,11 +40,10 @@ def test_bytes_come_back(chunks: list[bytes]) -> None:
 def read_text(text: str) -> Recording:
     """Read a recording that is no file."""
 
-    class Pretended:
-        def read_text(self, encoding: str) -> str:
-            return text
-
-    return read(Pretended())  # type: ignore[arg-type]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "recording")
+        path.write_text(text, encoding="utf-8")
+        return read(path)
 
 
 HEADER = '{"usarsim_recording": 1, "taken": "2026", "links": [{"listen": 1, "to": "h:2"}]}\n'

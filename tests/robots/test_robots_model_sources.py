@@ -38,7 +38,7 @@ def test_includes_and_defaults_work(tmp_path: Path) -> None:
         ("<mujoco", "body.xml: MuJoCo cannot use it"),
         ("just words", "body.xml: MuJoCo cannot use it"),
         ("<mujoco><worldbody/></mujoco>", "0 bodies stand in the world"),
-        (b"\xff\xfe\x00<mujoco/>", "is not UTF-8 text"),
+        (b"\xff\xfe\x00<mujoco/>", "is in UTF-16"),
         (mjcf(world='<body><geom size="1"/></body>'), "2 bodies stand in the world"),
         (mjcf('<body><joint type="ball"/><geom size="0.1"/></body>'), "is a ball or free joint"),
         (mjcf("<body><freejoint/></body>"), "body.xml: MuJoCo cannot use it"),

@@ -90,6 +90,24 @@ class TestExport:
         tables.write(dataset, tmp_path)
         assert tables.read(tmp_path) == dataset
 
+    @pytest.mark.parametrize(("delimiter", "point"), [(";", ","), ("\t", ",")])
+    def test_tables_that_a_spreadsheet_saved(
+        self, dataset: Dataset, tmp_path: Path, delimiter: str, point: str
+    ) -> None:
+        """Other separators, a comma for a point and a byte order mark change nothing."""
+        tables.write(dataset, tmp_path)
+        for name in ("participants", "trials", "parts", "answers"):
+            path = tmp_path / f"{name}.csv"
+            with path.open(newline="") as file:
+                rows = list(csv.reader(file))
+            with path.open("w", newline="", encoding="utf-8-sig") as file:
+                writer = csv.writer(file, delimiter=delimiter)
+                for row in rows:
+                    writer.writerow(
+                        [re.sub(r"^(-?\d+)\.(\d+)$", rf"\1{point}\2", cell) for cell in row]
+                    )
+        assert tables.read(tmp_path) == dataset
+
     def test_missing_is_empty(self, dataset: Dataset, tmp_path: Path) -> None:
         """An aborted trial, an excluded participant and a skipped item are empty cells, not 0."""
         tables.write(dataset, tmp_path)

@@ -309,10 +309,12 @@ def test_a_missing_file_is_named(tmp_path: Path, missing: str) -> None:
 
 
 def test_a_file_that_is_no_utf8_is_refused(tmp_path: Path) -> None:
-    """A Latin-1 file is refused with the place of the first bad byte."""
+    """A Latin-1 file is refused with the line of the first bad byte."""
     folder = write_world(tmp_path)
     (folder / "world.toml").write_bytes(HEAD.encode() + b'description = "\xe9"\n')
-    with pytest.raises(WorldError, match=rf"byte {len(HEAD) + 15} is not UTF-8 \(save the file"):
+    with pytest.raises(
+        WorldError, match=rf"line {HEAD.count(chr(10)) + 1}: byte 0xE9 is not UTF-8 \(save"
+    ):
         load_world(folder)
 
 

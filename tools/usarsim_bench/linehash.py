@@ -28,6 +28,8 @@ from pathlib import Path
 from usarsim_bench.linehash_play import SESSIONS, Lines, grounds, play
 from usarsim_bench.linehash_yard import EVERY_SENSOR
 from usarsim_bench.server import BenchError, all_classes
+from usarsim_server.errors import UsarsimError
+from usarsim_server.toml import read_text
 
 PACKAGES = ("mujoco", "numpy", "embreex")
 _STORE = Path("tests", "bench", "line_hashes.json")
@@ -83,9 +85,9 @@ class Stored:
             BenchError: if it cannot be read.
         """
         try:
-            content = json.loads(path.read_text(encoding="utf-8"))
+            content = json.loads(read_text(path, UsarsimError))
             return cls(content["environment"], content["hashes"])
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (UsarsimError, ValueError, KeyError, TypeError) as error:
             raise BenchError(f"{path}: no stored hashes ({error}); store some by --write") from None
 
     def write(self, path: Path) -> None:

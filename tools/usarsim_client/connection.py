@@ -11,6 +11,7 @@ from typing import Self
 
 from usarsim_client.inbox import HangupError, Inbox, Line, Read, Take, Wanted
 from usarsim_client.pictures import Picture, picture
+from usarsim_server.addresses import bare_host
 
 CHUNK = 65536
 """Bytes taken from the socket at once, at most; a read of so many was cut here, not by the
@@ -59,7 +60,8 @@ class Connection:
             OSError: if nobody accepts.
         """
         loop = asyncio.get_running_loop()
-        kind, *_, address = (await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM))[0]
+        found = await loop.getaddrinfo(bare_host(host), port, type=socket.SOCK_STREAM)
+        kind, *_, address = found[0]
         sock = socket.socket(kind, socket.SOCK_STREAM)
         try:
             sock.setblocking(False)

@@ -19,6 +19,7 @@ from usarsim_client.inbox import HangupError, Line, ProtocolError, command
 from usarsim_client.reports import StartPoses
 from usarsim_client.state import RobotState
 from usarsim_client.streams import Stream
+from usarsim_server.addresses import format_address
 from usarsim_server.protocol.grammar import LineFramer
 
 Kind = TypeVar("Kind")
@@ -73,7 +74,7 @@ class Address:
     timeout: float
 
     def __str__(self) -> str:
-        return f"{self.host}:{self.port}"
+        return format_address(self.host, self.port)
 
     @contextlib.asynccontextmanager
     async def patience(self, what: str) -> AsyncIterator[None]:

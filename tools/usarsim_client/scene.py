@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from usarsim_client.inbox import HangupError, ProtocolError
 from usarsim_client.truth import TruthRow as TruthRow  # part of what this module hands out
 from usarsim_client.truth import truth_row
+from usarsim_server.addresses import bare_host
 from usarsim_server.protocol.scene import POSES, VERSION, frames, message
 
 LONGEST = 64 * 1024 * 1024
@@ -291,7 +292,7 @@ async def connect_scene(
         HangupError: if the server refuses, with the reason.
         ProtocolError: if it speaks something else.
     """
-    live = LiveScene(*await asyncio.open_connection(host, port))
+    live = LiveScene(*await asyncio.open_connection(bare_host(host), port))
     hello: Message = {"hello": VERSION, "token": token, "channels": list(channels)}
     hello |= {"rate_hz": rate_hz, "streams": streams}
     try:

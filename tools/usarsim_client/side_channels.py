@@ -12,6 +12,7 @@ from usarsim_client.inbox import Line, ProtocolError
 from usarsim_client.link import Address
 from usarsim_client.segments import Item, boolean, number, read, vector
 from usarsim_client.services import Actor, actor, road
+from usarsim_server.addresses import bare_host
 from usarsim_server.protocol.values import Vector
 
 
@@ -103,7 +104,7 @@ class Radio(_Asker):
         if port <= 0:
             raise RadioError(f"{other} is out of reach of {self.name}")
         async with self.address.patience(f"no way to {other}"):
-            return await asyncio.open_connection(self.address.host, port)
+            return await asyncio.open_connection(bare_host(self.address.host), port)
 
     async def _request(self, request: bytes, head: str) -> Line:
         if self._connection is None and (registration := self._registration):

@@ -30,9 +30,11 @@ from usarsim_conformance.reports import (
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.survey import GROUND, Target
 from usarsim_server import __version__
+from usarsim_server.addresses import bare_host
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError, at
 from usarsim_server.files import write_text
+from usarsim_server.toml import read_text
 
 _EPILOG = (
     "Exit code 0 if no rule that must be kept is broken, else 1. Side channels are judged if their "
@@ -57,7 +59,7 @@ def add_parser(subparsers: Subparsers) -> None:
         run,
         epilog=_EPILOG,
     )
-    parser.add_argument("--host", default="127.0.0.1", help="address of the server")
+    parser.add_argument("--host", type=bare_host, default="127.0.0.1", help="address of the server")
     parser.add_argument("--port", metavar="N", type=_port, default=3000, help="robot control")
     for service, option in _SIDE_PORTS.items():
         parser.add_argument(
@@ -251,10 +253,7 @@ def _compare(arguments: argparse.Namespace) -> int:
 
 def _read(file: Path) -> Report:
     try:
-        return from_json(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        cure = "name a report.json that --report has written"
-        raise UsarsimError(at(file, f"cannot be read: {error.strerror}", cure)) from None
+        return from_json(read_text(file, UsarsimError))
     except ValueError as error:
         cure = "name a report.json that --report has written"
         raise UsarsimError(at(file, f"no report: {error}", cure)) from None

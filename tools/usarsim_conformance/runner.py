@@ -17,6 +17,7 @@ from usarsim_conformance.registry import Check, Failed, Inconclusive, NotApplica
 from usarsim_conformance.report import Report, Rule
 from usarsim_conformance.survey import Survey, Target, survey
 from usarsim_conformance.wire import Transcript
+from usarsim_server.addresses import format_address
 
 _PARALLEL = 8
 """Checks at a time."""
@@ -95,7 +96,7 @@ async def judge_all(
     finally:
         await clock.close()
     return Report(
-        name=name or f"{target.host}:{target.ports['control']}",
+        name=name or format_address(target.host, target.ports["control"]),
         server=_facts(target, found),
         taken=taken,
         seconds=time.monotonic() - begun,
@@ -154,7 +155,7 @@ def _jobs(checks: Sequence[Check], found: Survey) -> list[tuple[Check, str]]:
 
 def _facts(target: Target, found: Survey) -> dict[str, str]:
     return {
-        "address": f"{target.host}:{target.ports['control']}",
+        "address": format_address(target.host, target.ports["control"]),
         "services": ", ".join(f"{name} {port}" for name, port in target.ports.items()),
         "greeting": found.greeting.text if found.greeting is not None else "none",
         "robot": found.robot or "none could be spawned",

@@ -10,7 +10,6 @@ Both together hold a whole `History`.
 from __future__ import annotations
 
 import csv
-import io
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -21,8 +20,8 @@ from numpy.typing import NDArray
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.history import Counts, History
 from usarsim_exploration.rules import RULES, RunRules
+from usarsim_server.csv_files import Sheet, csv_text, read_csv
 from usarsim_server.errors import at
-from usarsim_server.toml import read_text
 
 STEPS, AGENTS = "steps.csv", "agents.csv"
 TEAM_COLUMNS = (
@@ -85,7 +84,7 @@ def steps_csv(history: History) -> str:
     if RULES[history.by_rules].shares:
         heads += SHARE_COLUMNS
         columns += [history.reachable, history.known_team, history.known_base]
-    return _text(heads, zip(*map(_plain, columns), strict=True))
+    return csv_text(heads, zip(*map(_plain, columns), strict=True))
 
 
 def agents_csv(history: History) -> str:
@@ -109,7 +108,7 @@ def agents_csv(history: History) -> str:
                 + [a for a, b in pairs.tolist() if b == number]
             )
             rows.append((step, number, name, *next(values), " ".join(map(str, heard))))
-    return _text(AGENT_COLUMNS, rows)
+    return csv_text(AGENT_COLUMNS, rows)
 
 
 def read_history(folder: Path, rules: RunRules, reachable: int) -> History:
@@ -220,16 +219,18 @@ def first_difference(one: History, other: History) -> str | None:
 class _Rows:
     """A CSV file with a header."""
 
-    def __init__(self, path: Path, rows: list[dict[str, str]]) -> None:
-        self.path, self.rows = path, rows
+    def __init__(self, table: Sheet) -> None:
+        self.path, self.rows = table.path, [row for _, row in table.rows]
+        self._table = table
 
     def column(self, name: str, kind: Callable[[str], Any]) -> list[Any]:
         """All values of a column."""
         found = []
-        for line, row in enumerate(self.rows, 2):
+        read = self._table.number if kind is float else kind
+        for line, row in self._table.rows:
             try:
-                found.append(kind(row[name]))
-            except (KeyError, TypeError, ValueError):
+                found.append(read(row[name]))
+            except (KeyError, ValueError):
                 problem = f"{row.get(name)!r} is not what column {name} holds"
                 raise ExplorationError(
                     at(self.path, problem, _CURE, where=f"line {line}")
@@ -238,11 +239,7 @@ class _Rows:
 
 
 def _read(path: Path) -> _Rows:
-    reader = csv.DictReader(io.StringIO(read_text(path, ExplorationError)))
-    try:
-        return _Rows(path, list(reader))
-    except csv.Error as error:
-        raise ExplorationError(at(path, f"is no CSV: {error}", _CURE)) from error
+    return _Rows(read_csv(path, ExplorationError, _CURE))
 
 
 def _pairs(rows: list[dict[str, str]]) -> Counts:
@@ -260,11 +257,3 @@ def _plain(column: Iterable[object]) -> list[object]:
     """Values of Python, whose text gives the same numbers back."""
     found: list[object] = np.asarray(column).tolist()
     return found
-
-
-def _text(heads: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
-    file = io.StringIO()
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(heads)
-    writer.writerows(rows)
-    return file.getvalue()

@@ -6,13 +6,13 @@ what belongs to the team stands in each. An empty cell is not known.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any, TextIO
 
 from usarsim_mission import records
 from usarsim_mission.referee import Referee
+from usarsim_server.csv_files import Writer
 
 STATE = "state.csv"
 COLUMNS = {
@@ -57,15 +57,15 @@ class StateTable:
         Args:
             file: where. every: how manieth truth row is written.
         """
-        self._writer = csv.writer(file, lineterminator="\n")
-        self._writer.writerow(COLUMNS)
+        self._writer = Writer(file)
+        self._writer.row(COLUMNS)
         self._every, self._count = every, 0
 
     def take(self, record: Mapping[str, Any], referee: Referee) -> None:
         """A record, which the referee has been told."""
         if record["kind"] == "truth":
             if self._count % self._every == 0:
-                self._writer.writerows(_rows(record, referee))
+                self._writer.rows(_rows(record, referee))
             self._count += 1
 
 

@@ -22,6 +22,7 @@ from usarsim_operator.serving import (
     until_interrupted,
 )
 from usarsim_operator.signals import BASE
+from usarsim_server.addresses import bare_host, split_address
 from usarsim_server.cli.common import Subparsers, add_command
 
 _EPILOG = (
@@ -75,6 +76,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--console-host",
         metavar="ADDR",
+        type=bare_host,
         default="127.0.0.1",
         help="address to serve pages at (default 127.0.0.1)",
     )
@@ -213,7 +215,7 @@ def _tile(text: str) -> tuple[int, int, int, int]:
 
 
 def _address(text: str) -> tuple[str, int]:
-    host, colon, port = text.rpartition(":")
-    if not colon or not host:
+    host, port = split_address(text)
+    if not host:
         raise argparse.ArgumentTypeError("must be HOST:PORT")
-    return host.strip("[]"), port_number(port)
+    return host, port_number(port)

@@ -30,6 +30,7 @@ from usarsim_operator.requests import Desk
 from usarsim_operator.roles import Role
 from usarsim_operator.settings import Settings
 from usarsim_operator.station import Station
+from usarsim_server.addresses import split_address
 from usarsim_server.errors import UsarsimError
 
 _PING = re.compile(r'"type"\s*:\s*"ping"')
@@ -238,7 +239,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--scene-port", metavar="N", type=int)
     parser.add_argument("--scene-token", metavar="TEXT", default="")
     given = parser.parse_args(arguments)
-    host, _, port = given.connect.rpartition(":")
+    host, port = split_address(given.connect)
     scene = None if given.scene_port is None else (host, given.scene_port)
     try:
         then = session_of(Recording(given.recording))

@@ -13,8 +13,10 @@ from typing import Any
 
 from usarsim_client.inbox import HangupError, ProtocolError
 from usarsim_client.scene import connect_scene
+from usarsim_server.addresses import split_address
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError
+from usarsim_server.toml import read_text
 
 RED, YELLOW, BLUE, DIM, PLAIN = "\x1b[31m", "\x1b[33m", "\x1b[36m", "\x1b[2m", "\x1b[0m"
 CONNECT = 10.0
@@ -58,10 +60,10 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def _address(text: str) -> tuple[str, int]:
-    host, _, port = text.rpartition(":")
+    host, port = split_address(text)
     if not port.isascii() or not port.isdigit() or not 0 < int(port) < 65536:
         raise argparse.ArgumentTypeError(f"{text!r} is no address (such as 127.0.0.1:4000)")
-    return host.strip("[]") or "127.0.0.1", int(port)
+    return host or "127.0.0.1", int(port)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -105,8 +107,8 @@ async def _watch(arguments: argparse.Namespace) -> None:
 def _token(given: str) -> str:
     path = Path(given)
     try:
-        return path.read_text("utf-8").strip() if given and path.is_file() else given
-    except (OSError, ValueError) as error:
+        return read_text(path, UsarsimError).strip() if given and path.is_file() else given
+    except ValueError as error:
         raise UsarsimError(f"{path}: cannot be read: {error}") from None
 
 

@@ -25,6 +25,7 @@ from usarsim_record.recording import (
     SessionClock,
     cues,
 )
+from usarsim_server.addresses import format_address
 
 _HANGS = 60.0
 """s of wall time without a byte after which the server counts as hanging."""
@@ -216,8 +217,8 @@ class _Player:
                 line.connection = await Connection.open(link.host, link.port)
         except (OSError, TimeoutError) as error:
             raise RecordError(
-                f"no connection to {link.host}:{link.port}: {error or 'no answer'} (start the "
-                "server, or name its port with --port)"
+                f"no connection to {format_address(link.host, link.port)}: {error or 'no answer'} "
+                "(start the server, or name its port with --port)"
             ) from None
         line.reading = asyncio.create_task(self._read(event.connection, line.connection))
 

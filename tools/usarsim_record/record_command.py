@@ -11,6 +11,7 @@ from pathlib import Path
 
 from usarsim_record.proxy import Proxy
 from usarsim_record.recording import Link, RecordError, Writer
+from usarsim_server.addresses import bare_host, format_address
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError
 from usarsim_server.processes import calling
@@ -46,6 +47,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--host",
         metavar="ADDR",
+        type=bare_host,
         default="127.0.0.1",
         help="address to listen on (default 127.0.0.1)",
     )
@@ -95,7 +97,7 @@ async def _record(links: Sequence[Link], writer: Writer, host: str, fresh: Path,
         proxy = Proxy(links, writer, host)
         ports = await proxy.start()
         words = [
-            f"{host}:{port}->{link.host}:{link.port}"
+            f"{format_address(host, port)}->{format_address(link.host, link.port)}"
             for port, link in zip(ports, links, strict=True)
         ]
         if fresh != file:

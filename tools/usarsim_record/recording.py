@@ -25,6 +25,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from usarsim_server.addresses import format_address, split_address
+from usarsim_server.errors import UsarsimError
+from usarsim_server.files import open_regular, reason
+from usarsim_server.toml import decoded
+
 FORMAT = 1
 CLIENT, SERVER = "client", "server"
 
@@ -59,8 +64,7 @@ class Link:
         Raises:
             ValueError: if it is not of that form.
         """
-        host, _, port = to.rpartition(":")
-        host = host.removeprefix("[").removesuffix("]")
+        host, port = split_address(to)
         if not host or not port.isdecimal() or not 0 < int(port) < 65536:
             raise ValueError(f"{to!r} is not of the form HOST:PORT")
         if not 0 <= listen < 65536:
@@ -124,7 +128,9 @@ class Writer:
         header = {
             "usarsim_recording": FORMAT,
             "taken": datetime.now(UTC).isoformat(timespec="seconds"),
-            "links": [{"listen": one.listen, "to": f"{one.host}:{one.port}"} for one in links],
+            "links": [
+                {"listen": one.listen, "to": format_address(one.host, one.port)} for one in links
+            ],
         }
         self._write(header)
 
@@ -174,11 +180,12 @@ def read(path: Path) -> Recording:
         RecordError: if the file cannot be read or is no recording; names the line.
     """
     try:
-        texts = path.read_text(encoding="utf-8").split("\n")
+        with open_regular(path) as file:
+            texts = decoded(file.read(), path, UsarsimError).split("\n")
     except OSError as error:
-        raise RecordError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise RecordError(f"{path}: is no recording of `usarsim record`") from None
+        raise RecordError(f"{path}: cannot be read: {reason(error)}") from None
+    except UsarsimError as error:
+        raise RecordError(str(error)) from None
     links, taken = _header(path, texts[0])
     events: list[Event] = []
     known: set[int] = set()

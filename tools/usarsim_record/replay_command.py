@@ -10,6 +10,7 @@ from pathlib import Path
 from usarsim_record.digest import Tolerance
 from usarsim_record.player import Outcome, play
 from usarsim_record.recording import Link, RecordError, Recording, read
+from usarsim_server.addresses import bare_host
 from usarsim_server.cli.common import Subparsers, add_command, table
 from usarsim_server.errors import UsarsimError
 
@@ -26,7 +27,10 @@ def add_parser(subparsers: Subparsers) -> None:
     )
     parser.add_argument("file", metavar="FILE", type=Path, help="recording of `usarsim record`")
     parser.add_argument(
-        "--host", metavar="ADDR", help="server to play against (default: the recorded one)"
+        "--host",
+        metavar="ADDR",
+        type=bare_host,
+        help="server to play against (default: the recorded one)",
     )
     parser.add_argument(
         "--port",

@@ -16,9 +16,7 @@ treatments", Australian Journal of Scientific Research A 2 (1949) 149-168.
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import os
 import secrets
 from collections.abc import Iterable, Sequence
@@ -26,6 +24,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from usarsim_server.csv_files import csv_text, read_csv
+from usarsim_server.errors import at
 from usarsim_server.files import write_text
 from usarsim_study.errors import StudyError
 
@@ -39,6 +39,8 @@ _CODE_LETTERS = "BCDFGHJKLMNPQRSTVWXZ"
 _CODE_SIGNS = _CODE_LETTERS + "23456789"
 """No vowels: no words, no FALSE, no NA; and nothing that looks like something else."""
 _CODE_LENGTH = 6
+
+_AGAIN = "export it again"
 
 Design = Literal["within", "between"]
 
@@ -133,14 +135,13 @@ class Allocation:
 
     def text(self) -> str:
         """The list as CSV: number, sequence, trial (from 1), condition, layout."""
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(("number", "sequence", "trial", "condition", "layout"))
-        for number in range(1, SPARE * self.participants + 1):
-            index = self.index(number)
-            for trial, cell in enumerate(self.orders[index], start=1):
-                writer.writerow((number, index + 1, trial, cell.condition, cell.layout))
-        return out.getvalue()
+        rows = (
+            (number, index + 1, trial, cell.condition, cell.layout)
+            for number in range(1, SPARE * self.participants + 1)
+            for index in [self.index(number)]
+            for trial, cell in enumerate(self.orders[index], start=1)
+        )
+        return csv_text(("number", "sequence", "trial", "condition", "layout"), rows)
 
     @property
     def digest(self) -> str:
@@ -172,16 +173,16 @@ def read_allocation(path: Path) -> dict[int, Order]:
         StudyError: it is not there or something else.
     """
     found: dict[int, list[Cell]] = {}
+    if not path.exists():
+        raise StudyError(at(path, "is not there", "run the study"))
     try:
-        for row in csv.DictReader(io.StringIO(path.read_text(encoding="utf-8"))):
+        for _, row in read_csv(path, StudyError, _AGAIN).rows:
             trials = found.setdefault(int(row["number"]), [])
             if int(row["trial"]) != len(trials) + 1:
                 raise ValueError("trials are out of order")
             trials.append(Cell(row["condition"], row["layout"]))
-    except OSError as error:
-        raise StudyError(f"{path}: cannot be read: {error.strerror} (run the study)") from None
-    except (KeyError, TypeError, ValueError) as error:
-        raise StudyError(f"{path}: is no list of assignments: {error} (export it again)") from None
+    except (KeyError, ValueError) as error:
+        raise StudyError(at(path, f"is no list of assignments: {error}", _AGAIN)) from None
     return {number: tuple(trials) for number, trials in found.items()}
 
 

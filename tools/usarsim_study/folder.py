@@ -29,6 +29,7 @@ from typing import Any, Literal
 
 from usarsim_mission.runlog import EVENTS, SCORE, TRUTH
 from usarsim_server.files import write_text
+from usarsim_server.toml import read_text
 from usarsim_study.assignment import ALLOCATION, Order, claim_number, new_code, read_allocation
 from usarsim_study.errors import StudyError
 from usarsim_study.measures import MEASURES, Value, compute
@@ -280,9 +281,7 @@ def _write_json(path: Path, content: dict[str, Any]) -> None:
 
 def _read_json(path: Path) -> dict[str, Any]:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise StudyError(f"{path}: cannot be read: {error.strerror} (check its rights)") from None
+        found = json.loads(read_text(path, StudyError))
     except ValueError:
         raise StudyError(f"{path}: is no JSON (restore the file)") from None
     if not isinstance(found, dict):

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from usarsim_server.csv_files import csv_text
 from usarsim_server.files import write_text
 from usarsim_study import plots, tables
 from usarsim_study.analysis import Analysis, Comparison, OrderEffect, Outcome, analyse
@@ -501,4 +502,4 @@ def results(analysis: Analysis) -> str:
                     result.dz if isinstance(result, Paired) else result.d,
                 ]
             )
-    return tables.csv_text(heads, rows)
+    return csv_text(heads, rows)

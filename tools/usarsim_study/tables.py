@@ -8,15 +8,16 @@ same for people. Nothing is lost: what is read is what was written.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
+from usarsim_server.csv_files import csv_text, read_csv
+from usarsim_server.errors import at
 from usarsim_server.files import write_text
+from usarsim_server.toml import read_text
 from usarsim_study.dataset import (
     AnswerRow,
     Dataset,
@@ -136,12 +137,9 @@ def read(folder: Path) -> Dataset:
         StudyError: one is missing or has other columns or values.
     """
     try:
-        package = json.loads((folder / PACKAGE).read_text(encoding="utf-8"))
+        package = json.loads(read_text(folder / PACKAGE, StudyError))
         about = package["study"]
         known = [one["name"] for one in about["conditions"]]
-    except OSError as error:
-        cure = "export the study: usarsim study export DIR"
-        raise StudyError(f"{folder / PACKAGE}: cannot be read: {error.strerror} ({cure})") from None
     except (ValueError, KeyError, TypeError):
         raise StudyError(f"{folder / PACKAGE}: is no data of a study (export it again)") from None
     trials = []
@@ -160,21 +158,6 @@ def read(folder: Path) -> Dataset:
     )
 
 
-def csv_text(heads: Sequence[str], rows: Iterable[Sequence[Cellular]]) -> str:
-    """A table as CSV; None is an empty cell, numbers are written so that they read back."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(heads)
-    for row in rows:
-        writer.writerow(
-            [
-                "" if cell is None else repr(cell) if isinstance(cell, float) else cell
-                for cell in row
-            ]
-        )
-    return out.getvalue()
-
-
 def _plain(row: Any) -> list[Cellular]:
     return [getattr(row, one.name) for one in fields(row)]
 
@@ -182,23 +165,25 @@ def _plain(row: Any) -> list[Cellular]:
 def _rows(folder: Path, table: str) -> list[dict[str, Cellular]]:
     path = folder / f"{table}.csv"
     columns = {one.name: one.type for one in TABLES[table]}
-    try:
-        reader = csv.DictReader(io.StringIO(path.read_text(encoding="utf-8"), newline=""))
-        if list(reader.fieldnames or ()) != list(columns):
-            raise StudyError(f"{path}: has other columns than {DICTIONARY} says (export it again)")
-        return [{name: _value(one[name], columns[name]) for name in columns} for one in reader]
-    except OSError as error:
-        raise StudyError(f"{path}: cannot be read: {error.strerror} (export it again)") from None
-    except (ValueError, TypeError, csv.Error) as error:
-        raise StudyError(f"{path}: {error} (mend or export it again)") from None
-
-
-def _value(text: str, kind: Type) -> Cellular:
-    if kind == "string":
-        return text
-    if kind == "integer":
-        return int(text)
-    return float(text) if text else None
+    cure = "mend or export it again"
+    found = read_csv(path, StudyError, cure)
+    if list(found.heads) != list(columns):
+        raise StudyError(at(path, f"has other columns than {DICTIONARY} says", "export it again"))
+    readers: dict[Type, Callable[[str], Cellular]] = {
+        "string": str,
+        "integer": int,
+        "number": lambda text: found.number(text) if text else None,
+    }
+    rows = []
+    for line, cells in found.rows:
+        rows.append(row := dict[str, Cellular]())
+        for name, kind in columns.items():
+            try:
+                row[name] = readers[kind](cells[name])
+            except ValueError:
+                problem, where = f"{cells[name]!r} is no {kind}", f"line {line}: {name}"
+                raise StudyError(at(path, problem, cure, where=where)) from None
+    return rows
 
 
 def _meaning(column: Column, misread: dict[str, tuple[str, ...]]) -> str:

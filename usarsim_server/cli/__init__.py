@@ -11,14 +11,13 @@ from __future__ import annotations
 import argparse
 import importlib
 import importlib.util
-import os
 import pkgutil
 import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from importlib.metadata import entry_points
 
-from usarsim_server import __version__
+from usarsim_server import __version__, streams
 from usarsim_server.errors import UsarsimError
 
 __all__ = ["GROUP", "build_parser", "main"]
@@ -86,21 +85,25 @@ def main(argv: Sequence[str] | None = None) -> int:
     Raises:
         SystemExit: from argparse, after `--help` (code 0) or unknown arguments (code 2).
     """
+    return streams.settle(_run(argv))
+
+
+def _run(argv: Sequence[str] | None) -> int:
     words = sys.argv[1:] if argv is None else argv
     called = [word for word in words if not word.startswith("-")][:1]
-    arguments = build_parser(called).parse_args(argv)
     try:
+        arguments = build_parser(called).parse_args(argv)
         code: int = arguments.run(arguments)
-        sys.stdout.flush()
     except UsarsimError as error:
+        if isinstance(error, streams.OutputError):
+            streams.mute()
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return _INTERRUPTED
-    except BrokenPipeError:
-        # `usarsim worlds | head`: the reader has seen enough. Standard output is pointed elsewhere
-        # so that the flush at exit cannot fail again (Python library reference, signal, "Note on
-        # SIGPIPE").
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except streams.ReaderGoneError:
         return 0
+    except SystemExit as end:
+        end.code = streams.settle(end.code if isinstance(end.code, int) else 1)
+        raise
     return code

@@ -13,6 +13,7 @@ from usarsim_server import logs
 from usarsim_server.cli.common import number
 from usarsim_server.errors import UsarsimError
 from usarsim_server.files import data_directory, replacing, write_text
+from usarsim_server.toml import read_text
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -199,7 +200,7 @@ def _names(names: Sequence[str]) -> str:
 
 def head_comment(path: Path) -> str:
     """The comment at the head of a robot file, without its mark and without the frame."""
-    text = path.read_text(encoding="utf-8")
+    text = read_text(path, UsarsimError)
     lines = itertools.takewhile(lambda line: line.startswith("#"), text.splitlines())
     blocks = "\n".join(line.removeprefix("#").strip() for line in lines).split("\n\n")
     paragraphs = [_FRAME.sub("", " ".join(block.split())).strip() for block in blocks]

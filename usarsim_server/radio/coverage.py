@@ -5,7 +5,6 @@ Pictures of coverage: cells coloured by signal strength, walls, source and a sca
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from usarsim_server.csv_files import Writer
 from usarsim_server.protocol.values import Vector
 from usarsim_server.radio.models import Propagation
 from usarsim_server.radio.network import ObstacleCounter
@@ -83,15 +83,15 @@ class Coverage:
 
     def write_csv(self, file: TextIO) -> None:
         """One line a cell: place in the wire frame (m), dBm, obstacles, 1 where a link is up."""
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(["x", "y", "z", "strength", "obstacles", "linked"])
+        rows = Writer(file)
+        rows.row(["x", "y", "z", "strength", "obstacles", "linked"])
         linked = self.linked
         for row in range(self.grid.rows):
             for column in range(self.grid.columns):
                 x, y, z = (round(value, 4) + 0.0 for value in self._place(row, column))
                 strength = f"{self.strengths[row, column]:.6g}"
                 cell = (row, column)
-                rows.writerow([x, y, z, strength, self.obstacles[cell], int(linked[cell])])
+                rows.row([x, y, z, strength, self.obstacles[cell], int(linked[cell])])
 
     def _place(self, row: int, column: int) -> Vector:
         return flip_point(self.grid.centre(row, column))

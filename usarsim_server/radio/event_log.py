@@ -11,7 +11,6 @@ then what belongs to the event; simulated time (s) comes last. Names that hold c
 from __future__ import annotations
 
 import contextlib
-import csv
 import io
 from collections.abc import Callable
 from datetime import datetime
@@ -19,6 +18,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import BinaryIO
 
+from usarsim_server.csv_files import Writer
 from usarsim_server.errors import SettingsError, at
 from usarsim_server.logs import Log
 
@@ -72,7 +72,7 @@ class EventLog:
         self._now = now
         self._file: BinaryIO | None = None
         self._pending = io.StringIO(newline="")
-        self._rows = csv.writer(self._pending, lineterminator="\n")
+        self._rows = Writer(self._pending)
         self._size = 0
         if path is not None:
             self._file = _open(path, now())
@@ -88,7 +88,7 @@ class EventLog:
             return
         stamp = self._now().isoformat(sep=" ", timespec="milliseconds")
         texts = [f"{one:.6g}" if isinstance(one, float) else one for one in fields]
-        self._rows.writerow([event, stamp, *texts, f"{self._clock():.3f}"])
+        self._rows.row([event, stamp, *texts, f"{self._clock():.3f}"])
         if self._pending.tell() >= _LONGEST:
             self.flush()
 

@@ -12,8 +12,10 @@ import mujoco
 import numpy as np
 
 from usarsim_server.errors import RobotDescriptionError, at
-from usarsim_server.files import Folders, is_regular, read_regular, reason
+from usarsim_server.files import Folders, is_regular, named, read_regular, reason
 from usarsim_server.model_check import ALLOW_MODEL, check_model
+from usarsim_server.specs import path_bytes, read_spec
+from usarsim_server.toml import decoded
 
 LARGEST_TEXT = 16 * 2**20
 """Bytes of a model file; descriptions of robots are some ten kilobytes long."""
@@ -62,11 +64,11 @@ def load_model(path: Path, folders: Folders) -> ModelFile:
     try:
         if _is_urdf(text):
             spec = mujoco.MjSpec.from_string(_with_visuals(text))
-            spec.modelfiledir = str(path.parent)
+            spec.modelfiledir = path_bytes(path.parent)
             spec.compiler.fusestatic = False
             speeds = _speeds(text)
         else:
-            spec = mujoco.MjSpec.from_file(str(path))
+            spec = read_spec(path)
         _find_meshes(spec, path, folders)
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
@@ -101,15 +103,11 @@ def _speeds(text: str) -> dict[str, float]:
 
 def _text(path: Path) -> str:
     try:
-        return read_regular(path, LARGEST_TEXT).decode("utf-8")
+        return decoded(read_regular(path, LARGEST_TEXT), path, RobotDescriptionError)
     except OSError as error:
         problem = f"cannot be read: {reason(error)}"
         raise RobotDescriptionError(
             at(path, problem, "check body = ... of the robot file")
-        ) from None
-    except UnicodeDecodeError as error:
-        raise RobotDescriptionError(
-            at(path, f"is not UTF-8 text (byte {error.start})", "name an MJCF or URDF file")
         ) from None
 
 
@@ -140,14 +138,14 @@ def _find_meshes(spec: mujoco.MjSpec, path: Path, folders: Folders) -> None:
         if not mesh.file:
             continue
         place = _SCHEME.match(mesh.file)
-        found = path.parent / spec.meshdir / mesh.file
+        found = path.parent / named(spec.meshdir) / named(mesh.file)
         if place is not None or not is_regular(found):
-            found = _search(path.parent, mesh.file[place.end() if place else 0 :]) or found
+            found = _search(path.parent, named(mesh.file[place.end() if place else 0 :])) or found
             refusal = folders.refusal(found, path)
             if refusal is not None:
                 raise RobotDescriptionError(at(path, refusal, ALLOW_MODEL))
             if is_regular(found):
-                mesh.file = str(found.resolve())
+                mesh.file = path_bytes(found.resolve())
         total += found.stat().st_size if is_regular(found) else 0
     if total > LARGEST_MESHES:
         problem = f"its meshes are larger than {LARGEST_MESHES // 2**20} MB"

@@ -19,6 +19,7 @@ from collections import Counter
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
+from usarsim_server.addresses import format_address
 from usarsim_server.errors import ServiceError
 from usarsim_server.logs import Log
 from usarsim_server.processes import port_taker
@@ -78,7 +79,8 @@ class Endpoint:
     @property
     def loopback(self) -> bool:
         """Whether only programs on this machine can reach it."""
-        return ipaddress.ip_address(self.host.partition("%")[0]).is_loopback
+        address = ipaddress.ip_address(self.host.partition("%")[0])
+        return (getattr(address, "ipv4_mapped", None) or address).is_loopback
 
     def __str__(self) -> str:
         return f"{self.name}={self.address}"
@@ -391,11 +393,6 @@ def challenge(client: socket.socket) -> None:
     """
     with contextlib.suppress(OSError):
         client.send(b"\0", socket.MSG_OOB)
-
-
-def format_address(host: str, port: int) -> str:
-    """`host:port`, with brackets around an IPv6 host."""
-    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 _KEEPALIVE = {"TCP_KEEPIDLE": 15, "TCP_KEEPINTVL": 5, "TCP_KEEPCNT": 3}

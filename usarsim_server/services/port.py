@@ -286,6 +286,6 @@ async def _stop(started: Sequence[Service]) -> None:
 def _advise(endpoints: Sequence[Endpoint]) -> None:
     if all(endpoint.loopback for endpoint in endpoints):
         _log.warning(
-            "only programs on this machine can connect; --host 0.0.0.0 opens the server "
-            "to the network (it knows no passwords: do so in a trusted network only)"
+            f"only programs on this machine can connect, at {endpoints[0].host}; who wants others "
+            "in says --host 0.0.0.0 (there are no passwords: in a trusted network only)"
         )

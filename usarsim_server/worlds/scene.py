@@ -27,6 +27,7 @@ from usarsim_server.simulation.frames import Array
 from usarsim_server.simulation.ground import Surface
 from usarsim_server.simulation.motion_laws import add_bounds
 from usarsim_server.simulation.splice import FixedPart
+from usarsim_server.specs import read_spec
 from usarsim_server.world_cost import LARGE, LIMITS, WorldLimits, check_scene
 from usarsim_server.worlds.description import SmokeVolume, WorldDescription
 from usarsim_server.worlds.loader import find_world, load_world
@@ -115,7 +116,7 @@ def _look_through(world: WorldDescription, allow_outside: bool) -> None:
 
 def _read(world: WorldDescription) -> mujoco.MjSpec:
     try:
-        return mujoco.MjSpec.from_file(str(world.scene))
+        return read_spec(world.scene)
     except (ValueError, OSError) as error:
         raise scene_error(world, error) from error
 

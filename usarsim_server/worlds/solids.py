@@ -15,9 +15,10 @@ from xml.etree import ElementTree
 
 import mujoco
 
-from usarsim_server.files import read_regular
+from usarsim_server.files import named, read_regular
 from usarsim_server.simulation.raw import understood
 from usarsim_server.simulation.splice import FixedPart
+from usarsim_server.specs import read_spec, text_bytes
 
 LEAST = 8000
 """Geoms in such files from which on they are compiled apart; 8,000 are compiled in 0.3 to 0.7 s."""
@@ -50,10 +51,11 @@ def read_apart(scene: Path) -> tuple[mujoco.MjSpec, FixedPart] | None:
     if pieces < LEAST or not understood():
         return None
     try:
-        fixed = FixedPart([mujoco.MjSpec.from_file(str(file)).compile() for file in files])
+        fixed = FixedPart([read_spec(file).compile() for file in files])
     except ValueError:
         return None
-    return mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode")), fixed
+    text = ElementTree.tostring(root, encoding="unicode")
+    return mujoco.MjSpec.from_string(text_bytes(text)), fixed
 
 
 def _take_out(root: ElementTree.Element, folder: Path) -> list[Path]:
@@ -61,8 +63,8 @@ def _take_out(root: ElementTree.Element, folder: Path) -> list[Path]:
     compilers = root.findall("compiler") or [ElementTree.SubElement(root, "compiler")]
     for compiler in compilers:
         for key in ("meshdir", "texturedir"):
-            named = compiler.get(key, compiler.get("assetdir", ""))
-            compiler.set(key, str(folder / named))
+            place = compiler.get(key, compiler.get("assetdir", ""))
+            compiler.set(key, str(folder / place))
     models = {
         str(one.get("name")): (assets, one)
         for assets in root.findall("asset")
@@ -82,7 +84,7 @@ def _take_out(root: ElementTree.Element, folder: Path) -> list[Path]:
             assets, model = models[name]
             if model.attrib.keys() != {"name", "file"}:
                 continue
-            found.append(folder / str(model.get("file")))
+            found.append(folder / named(str(model.get("file"))))
             assets.remove(model)
             world.remove(frame)
     return found

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterable, Iterator
 
 from usarsim_batch.progress import span
 from usarsim_batch.tasks import Played, Row
+from usarsim_server.csv_files import csv_text
 
 RESULTS = "results.csv"
 
@@ -35,9 +34,7 @@ def _cells(row: Row) -> dict[str, object]:
 
 
 def _line(cells: Iterable[object]) -> str:
-    file = io.StringIO()
-    csv.writer(file, lineterminator="\n").writerow(cells)
-    return file.getvalue()
+    return csv_text(cells, ())
 
 
 def summary(all_played: Iterable[Played]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -13,6 +12,7 @@ from usarsim_batch.tasks import Row
 from usarsim_exploration.batches.batch_file import Job
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.timing import PHASES
+from usarsim_server.csv_files import Writer
 from usarsim_server.errors import at
 
 FORMAT = "usarsim-explore-batch/1"
@@ -50,14 +50,14 @@ def key_of(row: Row) -> str | None:
 def timing_csv(rows: Iterable[tuple[Job, Mapping[str, float]]]) -> str:
     """Processor time of runs: ms by step, and how the seconds are split."""
     file = io.StringIO()
-    writer = csv.writer(file, lineterminator="\n")
+    writer = Writer(file)
     heads = [f"{phase.replace(' ', '_')}_s" for phase in PHASES]
-    writer.writerow(["run", "steps", "processor_s", "ms_per_step", *heads])
+    writer.row(["run", "steps", "processor_s", "ms_per_step", *heads])
     for job, timing in rows:
         if not timing:
             continue
         spent = [timing[phase] for phase in PHASES]
         per_step = 1e3 * sum(spent[1:]) / max(timing["steps"], 1)
         figures = [f"{one:.6f}" for one in (sum(spent), per_step, *spent)]
-        writer.writerow([job.key, int(timing["steps"]), *figures])
+        writer.row([job.key, int(timing["steps"]), *figures])
     return file.getvalue()

@@ -7,6 +7,7 @@ from usarsim_exploration.levels.rover import Place
 from usarsim_exploration.levels.server import ServerLevel
 from usarsim_exploration.levels.serving import OwnServer
 from usarsim_exploration.scenario import Scenario
+from usarsim_server.addresses import bare_host
 from usarsim_server.errors import at
 
 
@@ -47,13 +48,15 @@ def _own(scenario: Scenario) -> Place:
 
 
 def _place(text: str) -> Place:
-    host, *ports = text.split(":")
+    inside, bracket, rest = text.rpartition("]")
+    host, *ports = rest.split(":") if bracket else text.split(":")
+    host = bare_host(inside + bracket + host)
     try:
         numbers = [int(one) for one in ports]
         if len(numbers) > 2 or not host or any(not 0 < one < 65536 for one in numbers):
             raise ValueError
     except ValueError:
-        cure = "write HOST, HOST:PORT or HOST:PORT:WIRELESS"
+        cure = "write HOST, HOST:PORT or HOST:PORT:WIRELESS, an IPv6 host in brackets"
         raise ExplorationError(at("--connect", f"{text!r} is no address", cure)) from None
     control, wireless = [*numbers, *(3000, 50000)[len(numbers) :]]
     return Place(host, control, wireless)

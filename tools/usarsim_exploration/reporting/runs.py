@@ -7,9 +7,7 @@ scenario says must be the same for all runs that are compared.
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -29,10 +27,10 @@ from usarsim_exploration.log_files import read_shares
 from usarsim_exploration.reporting.survival import Time
 from usarsim_exploration.run_folder import FORMAT as RUN_FORMAT
 from usarsim_exploration.run_folder import RUN
+from usarsim_server.csv_files import read_csv
 from usarsim_server.errors import at
 from usarsim_server.files import is_folder, is_regular, read_regular, reason
 from usarsim_server.tables import Table, finite
-from usarsim_server.toml import read_text
 
 _LARGEST = 1 << 30
 """Bytes of a file of results; those of 3,840 runs have some 50 million."""
@@ -294,12 +292,13 @@ def _timing(path: Path) -> dict[str, float]:
     """Processor ms by step of runs, by their keys; empty if the file is not there."""
     if not is_regular(path):
         return {}
-    rows = csv.DictReader(io.StringIO(read_text(path, ExplorationError)))
+    cure = "remove it, or run the batch again"
+    found = read_csv(path, ExplorationError, cure)
     try:
-        return {row["run"]: float(row["ms_per_step"]) for row in rows}
-    except (KeyError, TypeError, ValueError, csv.Error):
+        return {row["run"]: found.number(row["ms_per_step"]) for _, row in found.rows}
+    except (KeyError, ValueError):
         problem = "is no table of run and ms_per_step"
-        raise ExplorationError(at(path, problem, "remove it, or run the batch again")) from None
+        raise ExplorationError(at(path, problem, cure)) from None
 
 
 def _count(table: Table, key: str) -> int:

@@ -31,6 +31,7 @@ CELL = 0.1
 """m that a cell is wide of maps that do not say it."""
 COMPAT_CELL = 1 / 13
 """m that one of MRESim's is wide (exploration reference 1)."""
+_SMALLER = "make the map smaller, by half for example, and its cells twice as wide (`cell`)"
 MAP_SERVERS = (".yaml", ".yml")
 """Endings of the files that map servers write beside a picture."""
 PICTURES = (".png", ".pgm", ".bmp", ".gif", ".jpg", ".jpeg")
@@ -121,7 +122,8 @@ def fit(walls: NDArray[np.bool_], path: Path, rules: Rules) -> NDArray[np.uint8]
     for most in (limit, canvas or limit):
         if columns > most[0] or rows > most[1]:
             problem = f"{columns} x {rows} cells are more than {most[0]} x {most[1]}"
-            raise WorldError(at(path, problem, "reduce the map, or allow larger ones"))
+            cure = "leave `compat` out, or make the map smaller" if rules.compat else _SMALLER
+            raise WorldError(at(path, problem, cure))
     if canvas is None:
         return walls.astype(np.uint8)
     left, top = (canvas[0] - columns) // 2, (canvas[1] - rows) // 2

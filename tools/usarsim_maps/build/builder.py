@@ -40,7 +40,7 @@ from usarsim_maps.build.objects import ObjectBuilder, materials_of_objects
 from usarsim_maps.build.sheet import Entry, NameBook, smoke_tables, write_sheet
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Array, Scene
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.errors import MapImportError, at, plain
 from usarsim_server.world_cost import LARGE, LIMITS, WorldLimits, check_cost
 from usarsim_server.worlds.description import NamedObject
 
@@ -172,7 +172,7 @@ def build(
     note_error(probe.model, findings, (BALL, *far))
     starts, checks = start_entries(scene, probe, bounds, findings)
     sheet = _sheet(scene, probe, bounds, starts, [*objects.things, *brushes], findings, origin)
-    (folder / "world.toml").write_text(sheet, encoding="utf-8")
+    (folder / "world.toml").write_text(plain(sheet), encoding="utf-8")
     model = probe.model
     solid = (model.geom_contype | model.geom_conaffinity) != 0
     return Built(

@@ -28,6 +28,7 @@ from usarsim_maps.build.pieces import (
 )
 from usarsim_maps.build.sheet import safe
 from usarsim_maps.scene import Array
+from usarsim_server.errors import plain
 from usarsim_server.simulation.frames import IDENTITY, Pose
 from usarsim_server.world_cost import SOLID, WorldCost, most_pieces, owners_in
 
@@ -253,7 +254,7 @@ class Emitter:
             "</worldbody>",
             "</mujoco>",
         ]
-        (self.folder / "scene.xml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        (self.folder / "scene.xml").write_text(plain("\n".join(lines)) + "\n", encoding="utf-8")
 
     def _finish_lines(self) -> Iterable[str]:
         pictures = sorted({f.picture for f in self.finishes.values() if f.picture})
@@ -297,7 +298,7 @@ class Emitter:
             (self.folder / "solids").mkdir(exist_ok=True)
             head, end = f'<mujoco model="{name}">\n<asset>', "</worldbody>\n</mujoco>\n"
             text = "\n".join([head, *assets, "</asset>\n<worldbody>", *geoms, end])
-            (self.folder / "solids" / f"{name}.xml").write_text(text, encoding="utf-8")
+            (self.folder / "solids" / f"{name}.xml").write_text(plain(text), encoding="utf-8")
             names.append(name)
         return names
 

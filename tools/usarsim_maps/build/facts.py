@@ -21,6 +21,7 @@ from usarsim_maps.scene import Array, LightKind, Scene
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy, rpy_from_quaternion
 from usarsim_server.simulation.raw import changeable
+from usarsim_server.specs import read_spec
 from usarsim_server.worlds.description import StartPose
 from usarsim_server.worlds.solids import read_apart
 from usarsim_server.worlds.victims import PELVIS_HEIGHT
@@ -367,7 +368,7 @@ class Probe:
         """Compile; `MapImportError` if MuJoCo refuses the scene."""
         try:
             parts = read_apart(scene)
-            spec, fixed = parts or (mujoco.MjSpec.from_file(str(scene)), None)
+            spec, fixed = parts or (read_spec(scene), None)
             ball = spec.worldbody.add_body(name=BALL, pos=[0.0, 0.0, 1e4])
             ball.add_freejoint()  # what cannot move does not touch what cannot move
             ball.add_geom(name=BALL, type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.1, 0.0, 0.0])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import os
 from collections.abc import Iterable, Sequence
@@ -14,6 +12,7 @@ from usarsim_mission.errors import MissionError
 from usarsim_mission.league.page import league_page
 from usarsim_mission.league.standings import Entry, League, Standing
 from usarsim_mission.scoring import VARIABLES
+from usarsim_server.csv_files import csv_text
 from usarsim_server.errors import at
 from usarsim_server.files import reason, write_text
 
@@ -31,8 +30,10 @@ def write_league(league: League, folder: Path) -> list[Path]:
     contents = {
         HTML: league_page(league, folder),
         JSON: json.dumps(as_json(league, folder), indent=1, allow_nan=False) + "\n",
-        CSV: _csv(_TEAM_HEADS, (_team_row(one, len(league.matches)) for one in league.standings)),
-        RUNS: _csv((*_RUN_HEADS, *VARIABLES), _run_rows(league, folder)),
+        CSV: csv_text(
+            _TEAM_HEADS, (_team_row(one, len(league.matches)) for one in league.standings)
+        ),
+        RUNS: csv_text((*_RUN_HEADS, *VARIABLES), _run_rows(league, folder)),
     }
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -122,12 +123,3 @@ def _run_rows(league: League, folder: Path) -> Iterable[Sequence[Cell]]:
 
 def _path(path: Path, folder: Path) -> str:
     return Path(os.path.relpath(path, folder)).as_posix()
-
-
-def _csv(heads: Sequence[str], rows: Iterable[Sequence[Cell]]) -> str:
-    """A table as CSV; what is missing is an empty cell."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(heads)
-    writer.writerows(["" if cell is None else cell for cell in row] for row in rows)
-    return out.getvalue()

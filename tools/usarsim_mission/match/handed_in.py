@@ -140,7 +140,7 @@ def _turned(grid: Grid, frame: Frame) -> Grid:
 def _reported(path: Path) -> list[Reported]:
     """The victims of a list, with what a second list says of them."""
     try:
-        victims = read_victims(read_regular(path).decode("utf-8", "replace"))
+        victims = read_victims(read_regular(path).decode("utf-8-sig", "replace"))
     except OSError as error:
         raise MissionError(
             at(path, f"cannot be read: {reason(error)}", "check its rights")
@@ -153,7 +153,7 @@ def _reported(path: Path) -> list[Reported]:
     info = path.with_name(path.name.removesuffix(_VICTIMS) + _INFO)
     told: dict[str, str] = {}
     with contextlib.suppress(OSError):
-        for line in read_regular(info).decode("utf-8", "replace").splitlines():
+        for line in read_regular(info).decode("utf-8-sig", "replace").splitlines():
             name, _, status = line.partition(",")
             told[name.strip()] = status.strip().strip('"')
     return [

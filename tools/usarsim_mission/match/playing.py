@@ -70,6 +70,7 @@ async def _run_one(
     result: dict[str, Any],
 ) -> None:
     staged = stage(scenario, seed=seed, robots=tuple(arguments.robots))
+    team.check(staged.robots)
     folder = arguments.out
     print(f"MISSION {scenario.name} team {team.name} seed {seed} in {folder}", flush=True)
     conditions = Conditions(
@@ -113,7 +114,9 @@ def _run_batch(
         raise MissionError("--jobs: one port is no port for several consoles (leave it out)")
     if jobs > 1 and any(team.hand_in and "{run}" not in team.hand_in for team in teams):
         raise MissionError('--jobs: runs hand in to one folder (write hand_in = "{run}/results")')
-    stage(scenario, seed=seeds[0], robots=tuple(arguments.robots))  # errors come now
+    staged = stage(scenario, seed=seeds[0], robots=tuple(arguments.robots))  # errors come now
+    for team in teams:
+        team.check(staged.robots)
     path, _ = find_rules(scenario.scoring, scenario.path.parent)
     rules = read_text(path, MissionError)
     told = {key: one for key, one in (scenario.content or {}).items() if key != "seed"}

@@ -4,8 +4,6 @@ as a picture of its own, and one row of numbers for a sheet.
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator
 from html import escape
 from pathlib import Path
@@ -19,6 +17,7 @@ from usarsim_mission.match.drawn import Drawn
 from usarsim_mission.model import Mission, World
 from usarsim_mission.runlog import RunFolder
 from usarsim_mission.scoring import VARIABLES, Rules
+from usarsim_server.csv_files import csv_text
 from usarsim_server.errors import at
 from usarsim_server.files import reason, write_text
 
@@ -97,11 +96,7 @@ def summary(result: dict[str, Any], team: str) -> str:
     row |= {"ended": ended["why"], "lasted_s": lasted, "time_limit_s": result["time_limit"]}
     row |= {"area_team": result["area"]["team"], "area_base": result["area"]["base"]}
     row |= {"map_error_m": result["map"]["error"], "map_share": result["map"]["share"]} | values
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(row)
-    writer.writerow("" if cell is None else cell for cell in row.values())
-    return out.getvalue()
+    return csv_text(row, [row.values()])
 
 
 def _parts(

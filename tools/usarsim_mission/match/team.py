@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from usarsim_mission.errors import MissionError
 from usarsim_mission.match.synthetic import Skill
+from usarsim_mission.scenario.description import PRESENT_POLICIES, read_policy
+from usarsim_mission.scenario.staging import Robot
 from usarsim_server.errors import at
 from usarsim_server.fields import field
-from usarsim_server.files import read_regular, reason
-from usarsim_server.tables import Table
+from usarsim_server.files import is_folder
+from usarsim_server.lined import open_toml
+from usarsim_server.tables import Table, shown
 
-LARGEST = 1 << 20
-"""Bytes of a team file."""
 PLACES = ("host", "port", "image_port", "wireless_port", "truth_port", "robots", "run")
 """What stands in braces in a command: `{port}`, for example."""
 
@@ -30,6 +30,24 @@ def _command(table: Table, key: str) -> tuple[str, ...]:
             cure = "braces hold one of " + ", ".join(PLACES) + "; write {{ and }} for braces"
             raise table.error(key, f"{word!r} cannot be filled in", cure) from None
     return words
+
+
+def _folder(table: Table, key: str) -> str:
+    text = table.text(key)
+    if not is_folder(Path(table.path).parent / text):
+        raise table.error(key, f"{text!r} is no folder", "write a path from this file's folder")
+    return text
+
+
+def _environment(table: Table, key: str) -> Mapping[str, object]:
+    found = table.free(key)
+    for name, value in found.items():
+        if not name or "=" in name or "\0" in name:
+            raise table.error(key, f"{name!r} is no name of a variable", "write NAME = value")
+        if not isinstance(value, str | int | float) or "\0" in str(value):
+            cure = "write a text or a number"
+            raise table.error(key, f"{name}: {shown(value)} is no value of a variable", cure)
+    return found
 
 
 def _skill(table: Table, key: str) -> Skill:
@@ -52,10 +70,23 @@ class Team:
         help="program that is started and brings its robots itself, with its arguments; "
         "`{port}` and the like are filled in",
     )
-    folder: str = field(default=".", help="in which it is started, from the file's own")
-    environment: Mapping[str, object] = field(factory=dict, help="further variables for it")
+    folder: str = field(
+        default=".",
+        parse=_folder,
+        expects="a folder",
+        help="in which it is started, from the file's own",
+    )
+    environment: Mapping[str, object] = field(
+        factory=dict,
+        parse=_environment,
+        expects="a table",
+        help="further variables for it",
+    )
     policy: str = field(
-        default="", help="what robots do by themselves: search, explore, or one of a package"
+        default="",
+        parse=read_policy,
+        expects=f"one of {', '.join(PRESENT_POLICIES)}, or a policy of a package",
+        help="what robots do by themselves: search, explore, or one of a package",
     )
     wait: bool = field(default=False, help="controllers are started by hand and waited for")
     console: bool = field(default=False, help="people drive by the pages of the console")
@@ -86,6 +117,23 @@ class Team:
             return None
         return self.path.parent / self.folder / self.hand_in.replace("{run}", str(run.absolute()))
 
+    def check(self, robots: Iterable[Robot]) -> None:
+        """Refuse a mission whose robots cannot do what this team has them do.
+
+        Args:
+            robots: of the mission.
+
+        Raises:
+            MissionError: a robot is to patrol and has no route.
+        """
+        if self.policy != "patrol":
+            return
+        movable = [one for one in robots if one.description.kind != "static"]
+        if lost := [one.entry.name for one in movable if not one.entry.route]:
+            problem = f"{lost[0]} is to patrol and has no route in the mission"
+            cure = "add route = [[x, y], ...] there, or choose another policy"
+            raise MissionError(at(self.path, problem, cure, where="policy"))
+
     @property
     def brings_robots(self) -> bool:
         """Whether its own programs bring the robots into the world."""
@@ -102,14 +150,7 @@ def read_team(path: Path) -> Team:
     Raises:
         MissionError: it cannot be read, or something in it cannot be.
     """
-    try:
-        content = tomllib.loads(read_regular(path, LARGEST).decode("utf-8"))
-    except OSError as error:
-        cure = "check the path and its rights"
-        raise MissionError(at(path, f"cannot be read: {reason(error)}", cure)) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise MissionError(at(path, f"is not valid TOML: {error}", "mend that place")) from None
-    table = Table(content, path, MissionError)
+    table = open_toml(path, MissionError)
     team = table.read(Team, path=path)
     table.finish()
     kinds = [bool(team.command), bool(team.policy), team.wait, team.console]

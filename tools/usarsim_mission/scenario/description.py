@@ -35,7 +35,8 @@ def policies() -> tuple[str, ...]:
     return (*PRESENT_POLICIES, *sorted(one.name for one in entry_points(group=POLICY_GROUP)))
 
 
-def _policy(table: Table, key: str) -> str:
+def read_policy(table: Table, key: str) -> str:
+    """The name of a policy that there is."""
     word = table.text(key)
     if word not in PRESENT_POLICIES and word not in policies():  # to look for those takes 15 ms
         raise table.error(key, f"{word!r} is not known", suggest(word, policies()))
@@ -61,7 +62,7 @@ class RobotEntry:
     yaw_degrees: float = field(default=0.0, help="beside `position`: where it looks")
     unattended: str = field(
         default="stop",
-        parse=_policy,
+        parse=read_policy,
         expects=f"one of {', '.join(PRESENT_POLICIES)}, or a policy of a package",
         help="what it does while nobody drives it",
     )

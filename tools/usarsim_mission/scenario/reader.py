@@ -120,6 +120,8 @@ def _check(table: Table, scenario: Scenario) -> None:
             raise inner.error("position", "stands beside start", "keep one of the two")
         if robot.position is None and inner.has("yaw_degrees"):
             raise inner.error("yaw_degrees", "stands without position", "add the position")
+        if robot.unattended == "patrol" and not robot.route:
+            raise inner.error("unattended", "a patrol has no route", "add route = [[x, y], ...]")
     for inner, zone in zip(zones, scenario.zones, strict=True):
         if zone.polygon and (zone.x or zone.y):
             raise inner.error("polygon", "stands beside x or y", "keep one of the two")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import json
 import re
-import tomllib
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from usarsim_mission.sharing.scenery import read_scenery
 from usarsim_mission.sharing.story import Story
 from usarsim_server.errors import at
 from usarsim_server.files import read_regular, reason, write_text
+from usarsim_server.toml import read_toml
 
 SHARED = "share.html"
 LIMIT = 5_000_000
@@ -73,8 +73,8 @@ def is_blind(folder: Path) -> bool:
     for above in list(folder.resolve().parents)[:_ABOVE]:
         if (above / _STUDY).exists():
             try:
-                study = tomllib.loads(read_regular(above / _STUDY).decode())
-            except (OSError, ValueError):
+                study = read_toml(above / _STUDY, RunLogError)
+            except RunLogError:
                 return True
             return study.get("blind", False) is not False
     return False

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
+from usarsim_server.addresses import bare_host
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError
 from usarsim_study.commands.report import write_reports
@@ -64,7 +65,9 @@ def add_parser(subparsers: Subparsers) -> None:
         "--jobs", metavar="N", type=int, default=2,
         help="so many scripted participants at once (default 2)",
     )  # fmt: skip
-    parser.add_argument("--host", default="127.0.0.1", help="address of the pages (127.0.0.1)")
+    parser.add_argument(
+        "--host", type=bare_host, default="127.0.0.1", help="address of the pages (127.0.0.1)"
+    )
     parser.add_argument(
         "--port", metavar="N", type=int, default=PORT, help=f"of the pages (default {PORT})"
     )

@@ -19,6 +19,7 @@ from usarsim_operator.roles import LONGEST, Limits, foreign, hosts_of
 from usarsim_operator.serving import PAGE
 from usarsim_server.errors import UsarsimError
 from usarsim_server.files import reason
+from usarsim_server.toml import read_text
 from usarsim_study.errors import StudyError
 from usarsim_study.session.desk import EXPERIMENTER, Desk
 from usarsim_study.session.screens import Message, wait_message
@@ -50,7 +51,7 @@ def kept_tokens(path: Path) -> dict[int, str]:
             with os.fdopen(made, "w") as file:
                 json.dump({name: secrets.token_urlsafe(18) for name in SEATS.values()}, file)
         mode = stat.S_IMODE(path.stat().st_mode)
-        told = json.loads(path.read_text())
+        told = json.loads(read_text(path, StudyError))
         tokens = {seat: str(told[name]) for seat, name in SEATS.items()}
     except OSError as error:
         raise StudyError(f"{path}: {reason(error)} (name a folder of yours)") from None

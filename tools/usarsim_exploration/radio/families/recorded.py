@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell, Environment
 from usarsim_exploration.radio.models import Radio, register
+from usarsim_server.csv_files import parse_csv
 from usarsim_server.errors import UsarsimError, at
 from usarsim_server.files import read_regular, reason
 from usarsim_server.tables import Table
+from usarsim_server.toml import decoded
 
 HEADER = "step,one,other"
 _MOST = 10**6
@@ -38,21 +40,19 @@ def read_links(text: str, path: Path | str) -> tuple[tuple[int, Pairs], ...]:
     Raises:
         UsarsimError: naming the first line that cannot be used.
     """
-    lines = text.splitlines()
-    if not lines or lines[0].replace(" ", "") != HEADER:
+    cure = "write a step and two robots, as in 7,0,2, or 7,, for no link"
+    sheet = parse_csv(text, path, UsarsimError, cure)
+    if ",".join(sheet.heads) != HEADER:
         raise UsarsimError(at(path, "has no header", f"begin with {HEADER}", where="line 1"))
     found: dict[int, set[tuple[int, int]]] = {}
     last = 0
-    for number, line in enumerate(lines[1:], 2):
-        if not line.strip():
-            continue
-        parts = [part.strip() for part in line.split(",")]
+    for number, row in sheet.rows:
+        parts = [part.strip() for part in row.values()]
         wanted = [part for part in parts if part]
         numbers = [int(part) for part in wanted if re.fullmatch("[0-9]{1,7}", part)]
-        whole = len(parts) == 3 and len(numbers) == len(wanted) and len(numbers) in (1, 3)
+        whole = len(numbers) == len(wanted) and len(numbers) in (1, 3)
         if not whole or not parts[0] or max(numbers) > _MOST or len(set(numbers[1:])) == 1:
-            problem = f"{line.strip()!r} is no link"
-            cure = "write a step and two robots, as in 7,0,2, or 7,, for no link"
+            problem = f"{','.join(parts)!r} is no link"
             raise UsarsimError(at(path, problem, cure, where=f"line {number}"))
         if numbers[0] < last:
             problem = f"step {numbers[0]} comes after step {last}"
@@ -82,12 +82,10 @@ class Recorded(Radio):
         name = table.text("file")
         path = Path(table.path).parent / name
         try:
-            text = read_regular(path).decode()
+            text = decoded(read_regular(path), path, UsarsimError)
         except OSError as error:
             problem = f"{name} cannot be read: {reason(error)}"
             raise table.error("file", problem, "correct the path") from error
-        except UnicodeDecodeError:
-            raise table.error("file", f"{name} is no text", "save it as UTF-8") from None
         return table.read(cls, table=read_links(text, path), path=name)
 
     def hears(self, distance: float, reach: float, walls: int, cell: float) -> bool:
