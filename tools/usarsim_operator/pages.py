@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 MOST_TEXTS = 512
 """Events and answers that may wait; a page that lets more wait is shut out."""
-_MOST_BYTES = 256 * 1024  # of them
+MOST_BYTES = 256 * 1024
+"""Bytes of them."""
 _WORTH = 1024  # bytes from which a message is compressed for a slow page
 _STATE = "state", ""
 
@@ -126,7 +127,7 @@ class Page:
     def _queue(self, text: str) -> None:
         self._texts.append(text)
         self._bytes += len(text)
-        if len(self._texts) > MOST_TEXTS or self._bytes > _MOST_BYTES:
+        if len(self._texts) > MOST_TEXTS or self._bytes > MOST_BYTES:
             self.end()
         self._stirred.set()
 

@@ -226,8 +226,10 @@ class Web:
     async def _listen(self, socket: web.WebSocketResponse, page: Page) -> None:
         async for message in socket:
             if message.type is WSMsgType.TEXT:
-                if page.link is None:
-                    self._desk.hear(page, message.data)
+                if not self._desk.admits(page, message.data):
+                    pass
+                elif page.link is None:
+                    self._desk.take(page, message.data)
                 else:
                     page.link.hear(message.data, lambda text: self._late(page, text))
             else:
@@ -240,4 +242,4 @@ class Web:
     def _late(self, page: Page, text: str) -> None:
         """Take what a page said a while ago, if it is still there."""
         if page.id in self._station.pages:
-            self._desk.hear(page, text)
+            self._desk.take(page, text)
