@@ -1,5 +1,6 @@
 // The WebSocket to the gateway: hello, heartbeat, requests with answers, and connecting again.
 
+import { hideFragment } from "./fragment";
 import { graphics } from "./gl";
 import { decode, type Text, type Welcome } from "./protocol";
 import { pageTime, type Store } from "./store";
@@ -109,6 +110,7 @@ export class Link {
     const { store } = this;
     switch (text.type) {
       case "welcome":
+        hideFragment();
         this.welcomed(text);
         break;
       case "pong":

@@ -1,5 +1,6 @@
 // The WebSocket to the desk: hello, a ping every second, connecting again, and answers until they are saved.
 
+import { fragment, hideFragment, watchFragment } from "../fragment";
 import { pageTime } from "../store";
 import type { Overview, Refused, Step, Told, Value } from "./protocol";
 import { Unsaved } from "./unsaved";
@@ -32,9 +33,10 @@ export class Desk {
   /** The first step of this connection is still to come. */
   private fresh = true;
   private wait = FIRST_WAIT_S;
-  private readonly token = decodeURIComponent(location.hash.slice(1));
+  private readonly token = decodeURIComponent(fragment().slice(1));
 
   constructor(private readonly hearer: Hearer) {
+    watchFragment();
     setInterval(() => this.beat(), 1000);
   }
 
@@ -79,6 +81,7 @@ export class Desk {
     this.heard = pageTime();
     if (!this.connected && (told.type === "step" || told.type === "overview")) {
       this.connected = true;
+      hideFragment();
       this.why = "";
       this.wait = FIRST_WAIT_S;
       this.arrived(told);
