@@ -11,6 +11,8 @@ export interface Answer {
 }
 
 const PICTURE = 1;
+/** The code of a close where all places are taken. */
+const FULL = 1013;
 const ANSWER_WITHIN_MS = 5000;
 /** `take` may wait for a person, whom the gateway gives 10 s. */
 const TAKE_WITHIN_MS = 12_000;
@@ -79,7 +81,11 @@ export class Link {
       this.socket = null;
       this.store.connected = false;
       this.store.refused =
-        event.code === 1008 ? event.reason || "the gateway refused this page" : "";
+        event.code === 1008 || event.code === FULL
+          ? event.reason || "the gateway refused this page"
+          : "";
+      // Others take turns with this page: each of them gets some seconds.
+      if (event.code === FULL) this.wait = Math.max(this.wait, 4);
       for (const settle of this.pending.values()) settle({ ok: false, why: "the link is lost" });
       this.pending.clear();
       this.store.tell("link");

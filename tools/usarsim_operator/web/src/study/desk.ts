@@ -9,6 +9,8 @@ import { Unsaved } from "./unsaved";
 const SILENCE_S = 6;
 const FIRST_WAIT_S = 0.25;
 const LONGEST_WAIT_S = 2;
+/** The code of a close where all places are taken. */
+const FULL = 1013;
 
 export interface Hearer {
   step: (step: Step) => void;
@@ -60,7 +62,10 @@ export class Desk {
     if (socket !== this.socket) return;
     this.socket = null;
     this.connected = false;
-    this.why = event.code === 1008 ? event.reason || "the desk refused this page" : "";
+    const refused = event.code === 1008 || event.code === FULL;
+    this.why = refused ? event.reason || "the desk refused this page" : "";
+    // Others take turns with this page: each of them gets some seconds.
+    if (event.code === FULL) this.wait = Math.max(this.wait, 4);
     this.hearer.link();
     setTimeout(() => this.open(), 1000 * this.wait);
     this.wait = Math.min(this.why ? 30 : LONGEST_WAIT_S, 2 * this.wait);
