@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import aiohttp
-from aiohttp import web
 
+from usarsim_operator.gate import gated
 from usarsim_operator.pulse import Pulse
 from usarsim_operator.roles import Role, hosts_of
 from usarsim_operator.station import Settings, Station
@@ -126,21 +126,17 @@ async def gateway(
     """Run a gateway for a server on this machine."""
     where = None if scene is None else ("127.0.0.1", scene)
     station = Station(Settings("127.0.0.1", port, scene=where, latch=latch, **more))
-    await station.open()
-    pages = Web(station)
-    runner = web.AppRunner(pages.app(), access_log=None, shutdown_timeout=0.5)
-    await runner.setup()
-    site = web.TCPSite(runner, "127.0.0.1", 0)
-    await site.start()
-    found = runner.addresses[0][1]
-    pages.hosts = hosts_of("127.0.0.1", found)
-    pulse = asyncio.create_task(Pulse(station).run())
-    try:
-        async with aiohttp.ClientSession() as http:
-            yield Gateway(station, pages, found, http)
-        assert not pulse.done(), pulse
-    finally:
-        pulse.cancel()
-        await asyncio.gather(pulse, return_exceptions=True)
-        await runner.cleanup()
-        await station.close()
+    async with contextlib.AsyncExitStack() as stack:
+        stack.push_async_callback(station.close)
+        await station.open()
+        pages = Web(station)
+        found = await stack.enter_async_context(gated(pages.app(), "127.0.0.1", 0))
+        pages.hosts = hosts_of("127.0.0.1", found)
+        pulse = asyncio.create_task(Pulse(station).run())
+        try:
+            async with aiohttp.ClientSession() as http:
+                yield Gateway(station, pages, found, http)
+            assert not pulse.done(), pulse
+        finally:
+            pulse.cancel()
+            await asyncio.gather(pulse, return_exceptions=True)

@@ -221,7 +221,7 @@ async def test_an_operator_says_who_it_is(stage: Stage) -> None:
         await page.keyboard.press("Enter")
         await page.wait_for_selector("[data-do=name]:text-is('Eve · operator')")
         await until(lambda: "R3" not in stage.gateway.station.arbiter.holders)
-        await becomes(page, "window.usarsim.store.connected")
+        await becomes(page, "window.usarsim?.store.connected")
         await page.click("[data-do=take]")
         await holder(page, "you drive")
         await bob.keyboard.press("3")
@@ -230,6 +230,36 @@ async def test_an_operator_says_who_it_is(stage: Stage) -> None:
         await page.wait_for_selector("[data-do=name]:text-is('Eve · operator')")
         pages = stage.gateway.station.pages  # that before the reload leaves when it is noticed
         await until(lambda: sorted(one.name for one in pages.values()) == ["Bob", "Eve"])
+
+
+async def test_the_token_leaves_the_address(stage: Stage) -> None:
+    """After hello it stands neither in the address bar nor in the tab's history; a reload says
+    hello all the same, and another token in the address counts at once."""
+    tokens = stage.gateway.web.tokens
+    async with stage.page(name="Ada") as page:
+        await becomes(page, "window.usarsim?.store.connected")
+        assert await page.evaluate("location.href") == f"{stage.gateway.url}/"
+        for _ in range(2):
+            await page.reload()
+            await becomes(page, "window.usarsim?.store.connected")
+            assert await page.evaluate("location.href") == f"{stage.gateway.url}/"
+        history = await page.context.new_cdp_session(page)
+        entries = (await history.send("Page.getNavigationHistory"))["entries"]
+        secrets = [token for _, token in tokens.all()]
+        assert not any(secret in one["url"] for one in entries for secret in secrets)
+        await page.goto(f"{stage.gateway.url}/#{tokens[Role.VIEWER]}")
+        await page.wait_for_selector("[data-do=name]:has-text('viewer')")
+        assert await page.evaluate("location.href") == f"{stage.gateway.url}/"
+
+
+async def test_a_wrong_token_is_not_kept(stage: Stage) -> None:
+    """An address that is refused stays as it is, so that it can be mended."""
+    async with stage.page(name="Ada") as page:
+        await becomes(page, "window.usarsim?.store.connected")
+        await page.goto(f"{stage.gateway.url}/#wrong")
+        await page.wait_for_selector("body:has-text('the token is wrong')")
+        assert await page.evaluate("location.hash") == "#wrong"
+        assert "wrong" not in await page.evaluate("sessionStorage.getItem('usarsim-fragment')")
 
 
 async def test_a_viewer_is_offered_nothing_that_it_may_not_do(stage: Stage) -> None:

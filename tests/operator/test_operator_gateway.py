@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 import struct
 from collections.abc import Iterator
@@ -13,7 +14,7 @@ import aiohttp
 import pytest
 from console_harness import Gateway, Message, PageProgram, gateway
 
-from usarsim_operator import watchdog
+from usarsim_operator import watchdog, web
 from usarsim_operator.roles import Role
 from usarsim_server.testing import PATIENCE, running_server
 
@@ -349,3 +350,45 @@ async def test_a_late_viewer_is_answered_at_once(ports: Ports) -> None:
         ]
         assert not vic.state
         assert vic.welcome["delay_s"] == 3600.0
+
+
+async def test_who_never_says_hello_takes_no_place(ports: Ports) -> None:
+    """90 sockets that say nothing: an operator who reloads gets in, and stops everything."""
+    async with gateway(ports["control"]) as console, contextlib.AsyncExitStack() as stack:
+        headers = {"Origin": console.url}
+        for _ in range(90):
+            mute = console.http.ws_connect(f"{console.url}/socket", headers=headers)
+            await stack.enter_async_context(mute)
+        for _ in range(2):
+            async with console.page() as page:
+                assert (await page.ask("estop"))["ok"]
+                assert (await page.ask("estop_reset"))["ok"]
+
+
+async def test_a_full_console_lets_operators_in(
+    ports: Ports, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 64 places 8 are kept for operators and instructors; then the page that has been silent
+    longest gives way to the next one, a viewer first."""
+    monkeypatch.setattr(watchdog, "PAGE_TIME", PATIENCE)  # they say nothing meanwhile
+    async with gateway(ports["control"]) as console, contextlib.AsyncExitStack() as stack:
+
+        async def came(name: str, role: Role) -> PageProgram:
+            return await stack.enter_async_context(console.page(name, role, pings=False))
+
+        viewers = [await came(f"V{n}", Role.VIEWER) for n in range(web.MOST_PAGES - 8)]
+        await viewers[0].say("ping", clock=0.0)
+        await viewers[0].text(lambda one: one["type"] == "pong")
+        await came("late", Role.VIEWER)
+        await viewers[1].until(lambda: viewers[1].closed)
+        assert viewers[1].ws.close_code == 1013
+        assert not viewers[0].closed
+        for n in range(8):
+            assert (await (await came(f"O{n}", Role.OPERATOR)).ask("estop"))["ok"]
+        assert len(console.web._places) == web.MOST_PAGES
+        ina = await came("Ina", Role.INSTRUCTOR)
+        assert (await ina.ask("estop_reset"))["ok"]
+        await viewers[2].until(lambda: viewers[2].closed)
+        assert viewers[2].ws.close_code == 1013
+        assert len(console.web._places) == web.MOST_PAGES
+    assert not console.web._places

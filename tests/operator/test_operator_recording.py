@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import json
+from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -10,16 +13,18 @@ import pytest
 pytest.importorskip("aiohttp")
 
 from console_harness import gateway
+from virtual_station import VirtualPage, VirtualStation
 
 from usarsim_operator import packets
+from usarsim_operator.pages import Page
 from usarsim_operator.recorder import ID
 from usarsim_operator.recording import Packet, Recording, Text
-from usarsim_operator.roles import Role
+from usarsim_operator.roles import LONGEST, Limits, Role
 from usarsim_server.testing import running_server
 
 
 def marked(path: Path) -> bool:
-    """Whether a recorded state has marks, and an input that is no object is recorded."""
+    """Whether a recorded state has marks, and a long input, which is cut, is recorded."""
     texts = [one.fields for one in Recording(path) if isinstance(one, Text)]
     inputs = [one["text"] for one in texts if one["type"] == "input"]
     return any(one.get("marks") for one in texts) and any(isinstance(one, str) for one in inputs)
@@ -41,6 +46,7 @@ def test_a_session_is_kept_and_a_full_disk_harms_nobody(
                 assert (await page.ask("mark", robot="R1", place=[1, 2, 0]))["ok"]
                 assert (await page.ask("pace", action="speed", factor=1.0))["ok"]
                 await page.ws.send_str('{"type": "mark", "robot": "' + "x" * 5000 + '"}')
+                await page.ask("camera", robot="R1", on=True, more="x" * 5000)
                 await page.until(lambda: any(one[0] == packets.POSES for one in page.binary))
                 assert station.recorder is not None
                 writer = station.recorder._writer
@@ -87,13 +93,74 @@ def test_hostile_pages_do_not_end_a_recording(tmp_path: Path) -> None:
             assert station.recorder is not None
             async with one.page() as page:
                 other = station.pages[int(page.welcome["page"])]
-                for _ in range(5000):  # nothing is written meanwhile
-                    station.recorder.input(other, '{"note": "' + "x" * 300 + '"}', 0.0)
-                assert station.recorder.lost > 4000
-                assert station.recorder.waiting < 300_000
-                await asyncio.sleep(0.1)
+                for length in (300, 1990):
+                    lost = station.recorder.lost
+                    for _ in range(5000):  # nothing is written meanwhile
+                        said = '{"note": "' + "\u20ac" * length + '"}'
+                        station.recorder.input(other, said, 0.0)
+                    assert station.recorder.lost - lost > 4000
+                    assert station.recorder.waiting < 100_000
+                    lost = station.recorder.lost
+                    station.recorder.note("note", {"what": "there is room for this"})
+                    assert station.recorder.lost == lost
+                    await asyncio.sleep(0.1)
                 assert ID in station.pages
             assert not station.recorder.overrun
 
     with running_server(world="empty") as (_, endpoints):
         asyncio.run(play(endpoints["control"].port))
+
+
+class _Kept:
+    """An observer that counts by type what pages say."""
+
+    def __init__(self) -> None:
+        self.inputs: Counter[str] = Counter()
+        self.notes: Counter[str] = Counter()
+
+    def input(self, page: Page, text: str, heard: float) -> None:
+        """Count it."""
+        self.inputs[json.loads(text)["type"]] += 1
+
+    def note(self, kind: str, facts: Mapping[str, object]) -> None:
+        """Count it."""
+        self.notes[kind] += 1
+
+    def event(self, fields: Mapping[str, object]) -> None:
+        """Nothing."""
+
+
+async def test_what_is_refused_is_counted_and_not_kept() -> None:
+    """Sixteen viewers say 190 texts a second for ten seconds: what they may not is kept nowhere,
+    what they may at ten a second each, and pings at four."""
+    station, kept = VirtualStation(None), _Kept()
+    station.spawned("R1")
+    station.observers.add(kept)
+    viewers = [VirtualPage(station, f"V{n}", Role.VIEWER) for n in range(16)]
+    forbidden, nonsense, asking, pinging = viewers[:4], viewers[4:8], viewers[8:12], viewers[12:]
+
+    def flood() -> None:
+        for _ in range(4):  # of 50 rounds a second
+            for page in forbidden:
+                page.say("drive", robot="R1", left=1.0, right=1.0, note="x" * 900)
+            for page in nonsense:
+                page.say("camera", robot="R1", on="perhaps")
+            for page in asking:
+                page.say("select", robot="R1")
+            for page in pinging:
+                page.say("ping", clock=0.0, ages={"R1": 0.1})
+
+    await station.run(10.0, flood)
+    assert set(kept.inputs) == {"select", "ping"}
+    assert kept.inputs["select"] <= 4 * (64 + 10 * 10 + 1)
+    assert kept.inputs["ping"] == kept.notes["frame_age"] <= 4 * (16 + 4 * 10 + 1)
+    assert all(page.page.limits.exhausted for page in (*forbidden, *nonsense, *asking))
+    assert not any(page.page.limits.exhausted for page in pinging)
+    await station.end(*viewers)
+
+
+def test_a_page_says_so_much_a_second() -> None:
+    """Long texts count by their length: 128 Ki characters a second, twice as many at once."""
+    limits, length = Limits(0.0), LONGEST
+    assert sum(limits.hears(0.0, length) for _ in range(10)) == 4
+    assert sum(limits.hears(1.0 + step / 100.0, length) for step in range(1000)) in (21, 22)

@@ -83,8 +83,10 @@ async def test_a_form_holds_up_and_loses_nothing(stage: Stage) -> None:
         assert [one for one in desk.texts if one["type"] == "hand_in"] == []
         await page.click("[data-item=physical] [data-value='35']")
         await until(lambda: desk.state.answers == {"mental": 10, "physical": 35})
+        assert await page.evaluate("location.hash") == ""
         await page.reload()
         await becomes(page, "document.querySelectorAll('[data-item] :checked').length === 2")
+        assert await page.evaluate("location.hash") == ""
         assert await checked(page) == {"mental": "10", "physical": "35"}
 
         await desk.stop()

@@ -29,7 +29,8 @@ class Observer(Protocol):
     """Is told everything, in order, and answers nothing."""
 
     def input(self, page: Page, text: str, heard: float) -> None:
-        """Something that a page said counts now; it may make no sense.
+        """Something that a page said counts now; what made no sense or was not allowed never comes
+        here.
 
         Args:
             page: which. text: as it was sent.

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 MOST_TEXTS = 512
 """Events and answers that may wait; a page that lets more wait is shut out."""
-_MOST_BYTES = 256 * 1024  # of them
+MOST_BYTES = 256 * 1024
+"""Bytes of them."""
 _WORTH = 1024  # bytes from which a message is compressed for a slow page
 _STATE = "state", ""
 
@@ -48,7 +49,7 @@ class Page:
             by the token, from 1 on; of others 0.
         selected: the robot that it is about. cameras, lasers: robots whose pictures and scans it
             does not want. lines: the robot whose protocol lines it wants; None: of nobody.
-        overrun: it was shut out; ended is set then.
+        overrun: it was shut out; ended is set then. displaced: since another page took its place.
         draws: it can draw the world by WebGL. link: what impairs its connection, if anything does.
         clock: how far its clock is from ours.
         deaf: it has no socket, since it is a program's: it says, and is told nothing.
@@ -81,7 +82,7 @@ class Page:
         self.deflate = 0
         self.link: ImpairedLink | None = None
         self.clock = PageClock()
-        self.overrun = False
+        self.overrun = self.displaced = False
         self.deaf = socket is None
         self._socket = socket
         self._delay = delay
@@ -126,7 +127,7 @@ class Page:
     def _queue(self, text: str) -> None:
         self._texts.append(text)
         self._bytes += len(text)
-        if len(self._texts) > MOST_TEXTS or self._bytes > _MOST_BYTES:
+        if len(self._texts) > MOST_TEXTS or self._bytes > MOST_BYTES:
             self.end()
         self._stirred.set()
 

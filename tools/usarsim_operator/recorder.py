@@ -2,7 +2,8 @@
 
 So a recording holds what an instructor sees, at the rate of a page that is about no robot, and a
 slow disk is a slow page: it gets rarer pictures and poses, and nobody waits for it. Beside that it
-is told every text that pages send, and what the rules log.
+is told every text of a page that counts, and what the rules log. Texts of pages are left out first
+where too many wait, those of viewers before all others.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from usarsim_operator import packets
-from usarsim_operator.pages import MOST_TEXTS, Page
+from usarsim_operator.pages import MOST_BYTES, MOST_TEXTS, Page
 from usarsim_operator.recording import Writer
 from usarsim_operator.roles import Role
 from usarsim_server import __version__
@@ -31,7 +32,11 @@ ID = 0
 STATE = 0.18
 """s between two `state` that are kept, at least."""
 _LONGEST = 2000  # characters kept of a page's text
-_ROOM = MOST_TEXTS // 2  # texts that may wait before pages' own are left out
+ROOM = 0.5
+"""Part of the texts and bytes of an outbox that may wait; what comes beyond is left out, so that no
+flood ends a recording."""
+_INPUTS = {Role.VIEWER: ROOM / 4.0}  # the same for what pages say
+_INPUT = ROOM / 2.0
 
 _log = Log("console")
 
@@ -62,7 +67,11 @@ class Recorder(Page):
 
     def tell(self, message: Mapping[str, object]) -> None:
         """Keep a text; while too many wait it is counted and left out."""
-        if len(self._texts) >= _ROOM:
+        self._keep(message, ROOM)
+
+    def _keep(self, message: Mapping[str, object], share: float) -> None:
+        """Keep a text, unless more than a share of what may wait does."""
+        if len(self._texts) >= share * MOST_TEXTS or self._bytes >= share * MOST_BYTES:
             self.lost += 1
         else:
             super().tell(message)
@@ -88,7 +97,7 @@ class Recorder(Page):
         if (lockstep := self._station.lockstep) is not None:
             facts["tick"] = lockstep.tick
         told = {**facts, "type": "input", "time": self._station.time, "gateway_clock": heard}
-        self.tell(told)
+        self._keep(told, _INPUTS.get(page.role, _INPUT))
 
     async def run(self) -> None:
         """Write until cancelled, or until the disk takes no more."""

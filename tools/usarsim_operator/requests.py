@@ -21,7 +21,8 @@ from usarsim_operator.roles import Role
 from usarsim_operator.station import Station
 from usarsim_operator.timed_moves import Rotate, Travel
 
-_NO_INPUT = '{"type":"shown"'  # by the page itself, dozens a second
+_SHOWN = '{"type":"shown"'  # by the page itself, dozens a second
+_BY_ITSELF = tuple(f'{{"type":{gap}"{kind}"' for gap in ("", " ") for kind in ("shown", "ping"))
 
 
 class Desk:
@@ -62,9 +63,20 @@ class Desk:
         }
 
     def hear(self, page: Page, text: str) -> None:
-        """Take a text of a page, whatever it is; in lockstep it waits for the next tick."""
-        if not page.limits.hears(self._station.wall):
-            return
+        """Take a text of a page, whatever it is, if the page may say so much."""
+        if self.admits(page, text):
+            self.take(page, text)
+
+    def admits(self, page: Page, text: str) -> bool:
+        """Whether a page may say so much; a text beyond that is counted and nothing else."""
+        wall = self._station.wall
+        if not page.limits.hears(wall, len(text)):
+            return False
+        by_itself = page.role is not Role.VIEWER or text.startswith(_BY_ITSELF)
+        return by_itself or page.limits.asks(wall)
+
+    def take(self, page: Page, text: str) -> None:
+        """Take a text that was admitted; in lockstep it waits for the next tick."""
         if self._station.lockstep is not None:
             self._station.lockstep.hear(self, page, text)
         else:
@@ -78,8 +90,6 @@ class Desk:
             heard: s of the gateway's clock when it came; None: now.
         """
         station, now = self._station, self._station.now
-        if not text.startswith(_NO_INPUT):
-            station.observers.input(page, text, station.wall if heard is None else heard)
         try:
             request = messages.read(text)
         except PageError as error:
@@ -100,6 +110,13 @@ class Desk:
         if handler is None:
             page.answer(request.id, False, "only the first text says hello")
             return
+        # What is refused up to here is counted: who keeps what pages say never sees it.
+        if request.type == "ping" and not page.limits.measures(station.wall):
+            self._pong(page, request)
+            page.answer(request.id, True)
+            return
+        if not text.startswith(_SHOWN):
+            station.observers.input(page, text, station.wall if heard is None else heard)
         try:
             result = handler(page, request.fields, request)
         except ValueError as error:
@@ -114,8 +131,7 @@ class Desk:
 
     def _ping(self, page: Page, fields: Fields, request: Request) -> None:
         station, clock = self._station, request.clock
-        now = station.wall
-        page.reply({"type": "pong", "clock": clock, "gateway_clock": now})
+        now = self._pong(page, request)
         if clock is not None:
             page.clock.ping(clock, now)
         told = "answered" in fields and "round" in fields
@@ -126,6 +142,11 @@ class Desk:
             if robot in station.robots:
                 facts = {"page": page.id, "robot": robot, "age": age}
                 station.observers.note("frame_age", facts)
+
+    def _pong(self, page: Page, request: Request) -> float:
+        now = self._station.wall
+        page.reply({"type": "pong", "clock": request.clock, "gateway_clock": now})
+        return now
 
     def _shown(self, page: Page, fields: Fields, request: Request) -> None:
         page.shown(fields["count"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from urllib.parse import urlsplit
 
@@ -12,8 +12,15 @@ LONGEST = 64 * 1024
 """Bytes of a text of a page."""
 TEXTS = 200.0
 """Texts of a page a second."""
+CHARACTERS = 128 * 1024.0
+"""Characters of texts of a page a second; twice as many at once."""
 DRIVES = 60.0
 """Texts of a page a second that drive."""
+ASKS, ASKS_AT_ONCE = 10.0, 64.0
+"""Texts of a viewer's page a second, and at once, that ask for something: all but those that a page
+sends by itself (`ping`, `shown`)."""
+PINGS, PINGS_AT_ONCE = 4.0, 16.0
+"""Pings of a page a second, and at once, that are kept and measured; all are answered."""
 REFUSALS = 400
 """Texts of a page that were too many or made no sense, after which it is shut out."""
 
@@ -127,18 +134,22 @@ def foreign(headers: Mapping[str, str], hosts: Iterable[str], *, origin: bool) -
 
 @dataclass(slots=True)
 class _Bucket:
-    """Lets through so many a second, and as many at once."""
+    """Lets through so many a second, and so many at once."""
 
     rate: float
-    left: float
+    most: float
     last: float
+    left: float = field(init=False)
 
-    def take(self, now: float) -> bool:
-        self.left = min(self.rate, self.left + (now - self.last) * self.rate)
+    def __post_init__(self) -> None:
+        self.left = self.most
+
+    def take(self, now: float, count: float = 1.0) -> bool:
+        self.left = min(self.most, self.left + (now - self.last) * self.rate)
         self.last = now
-        if self.left < 1.0:
+        if self.left < count:
             return False
-        self.left -= 1.0
+        self.left -= count
         return True
 
 
@@ -152,11 +163,22 @@ class Limits:
     def __init__(self, now: float) -> None:
         self.refused = 0
         self._texts = _Bucket(TEXTS, TEXTS, now)
+        self._characters = _Bucket(CHARACTERS, 2.0 * CHARACTERS, now)
         self._drives = _Bucket(DRIVES, DRIVES, now)
+        self._asks = _Bucket(ASKS, ASKS_AT_ONCE, now)
+        self._pings = _Bucket(PINGS, PINGS_AT_ONCE, now)
 
-    def hears(self, now: float) -> bool:
-        """Whether one more text is read."""
-        return self._texts.take(now) or self.refuse()
+    def hears(self, now: float, size: int = 0) -> bool:
+        """Whether one more text of so many characters is read."""
+        return (self._texts.take(now) and self._characters.take(now, size)) or self.refuse()
+
+    def asks(self, now: float) -> bool:
+        """Whether one more text of a viewer that asks for something is read."""
+        return self._asks.take(now) or self.refuse()
+
+    def measures(self, now: float) -> bool:
+        """Whether one more ping is kept and measured; those beyond are answered all the same."""
+        return self._pings.take(now)
 
     def drives(self, now: float) -> bool:
         """Whether one more text that drives is obeyed."""

@@ -168,26 +168,13 @@ async def served(
     Raises:
         UsarsimError: if the port cannot be had.
     """
-    from aiohttp import web
-
+    from usarsim_operator.gate import gated
     from usarsim_operator.web import Web
 
     tokens = tokens or Tokens(seats=serving.seats)
     pages = Web(station, tokens=tokens, framed_by=serving.framed_by)
-    # No access log: it would hold addresses and user agents.
-    runner = web.AppRunner(pages.app(), access_log=None, shutdown_timeout=1.0)
-    await runner.setup()
-    try:
-        host = serving.host
-        site = web.TCPSite(runner, host, serving.port)
-        try:
-            await site.start()
-        except OSError as error:
-            raise UsarsimError(
-                f"--console-port: {host}:{serving.port} cannot be had: "
-                f"{error.strerror} (choose another, or 0 for any free one)"
-            ) from None
-        port = runner.addresses[0][1]
+    host = serving.host
+    async with gated(pages.app(), host, serving.port, option="--console-port") as port:
         pages.hosts = hosts_of(host, port) | serving.allowed
         shown = f"[{host}]" if ":" in host else host
         base = f"http://{shown}:{port}/#"
@@ -199,8 +186,6 @@ async def served(
         if serving.browser is not None:
             station.background(open_browser(base + pages.tokens[serving.browser]))
         yield
-    finally:
-        await runner.cleanup()
 
 
 async def _known(station: Station) -> None:

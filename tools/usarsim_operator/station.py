@@ -421,6 +421,8 @@ class Station:
             self.release(name, "its page has gone")
         self.asked = {key: id for key, id in self.asked.items() if key[1] != page.id}
         gone: dict[str, object] = {"page": page.id}
+        if page.limits.refused:
+            gone["refused"] = page.limits.refused
         if page.link is not None:
             gone |= {"frames_sent": page.link.out.sent, "frames_lost": page.link.out.lost}
         self._note("page goes", gone)

@@ -12,10 +12,12 @@ from aiohttp import WSCloseCode, WSMsgType, web
 from aiohttp.typedefs import Middleware
 
 from usarsim_operator import messages
+from usarsim_operator.gate import admit
 from usarsim_operator.impaired_link import ImpairedLink
 from usarsim_operator.messages import PageError
 from usarsim_operator.page_files import page_file, page_headers
 from usarsim_operator.pages import Page
+from usarsim_operator.places import NoPlaceError, Places
 from usarsim_operator.requests import Desk
 from usarsim_operator.roles import LONGEST, Role, Tokens, foreign
 from usarsim_operator.serving import PAGE
@@ -23,7 +25,9 @@ from usarsim_operator.station import Station
 from usarsim_operator.watchdog import DRIVE_TIME
 
 MOST_PAGES = 64
-"""Pages at a time."""
+"""Pages at a time that have said who they are."""
+KEPT_PAGES = 8
+"""Places of them that are kept for operators and instructors."""
 MOST_UNSENT = 2048
 """Bytes for a page that the kernel holds beside those under way."""
 HELLO_TIME = 5.0
@@ -70,7 +74,7 @@ class Web:
         self.refused = 0
         self._station, self._files = station, files.resolve()
         self._desk = Desk(station)
-        self._sockets = 0
+        self._places: Places[Page] = Places(MOST_PAGES, KEPT_PAGES)
 
     def app(self) -> web.Application:
         """The application for aiohttp."""
@@ -118,32 +122,32 @@ class Web:
         return web.Response(body=found[1], content_type="application/json", headers=headers)
 
     async def _file(self, request: web.Request) -> web.StreamResponse:
-        return page_file(self._files, request.match_info["path"], self._headers)
+        accepted = request.headers.get("Accept-Encoding", "")
+        path = request.match_info["path"]
+        return page_file(self._files, path, self._headers, accepted=accepted)
 
     # -- sockets ------------------------------------------------------------------------------
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
-        if self._sockets >= MOST_PAGES:
-            return web.Response(status=503, text="too many pages")
         socket = web.WebSocketResponse(
             max_msg_size=LONGEST, compress=True, timeout=2.0, writer_limit=0
         )
         await socket.prepare(request)
         _compress_only_what_says_so(socket)
         _hold_little(request)
-        self._sockets += 1
-        try:
-            page = await self._hello(socket)
-            if page is not None:
+        page = await self._hello(socket)
+        if page is not None:
+            admit(request)
+            try:
                 await self._serve(socket, page)
-        finally:
-            self._sockets -= 1
+            finally:
+                self._places.leave(page)
         return socket
 
     async def _hello(self, socket: web.WebSocketResponse) -> Page | None:
         """The page, once it has said who it is; None for one that does not."""
         station = self._station
-        why = "say hello first, within 5 s"
+        code, why = WSCloseCode.POLICY_VIOLATION, "say hello first, within 5 s"
         with contextlib.suppress(TimeoutError):
             first = await socket.receive(HELLO_TIME)
             if first.type is WSMsgType.TEXT:
@@ -162,14 +166,32 @@ class Web:
                         page.link, page.draws = link, request.fields.get("webgl", True)
                         page.deflate = int(socket.compress)
                         page.uptake.tells = request.fields.get("shown", False)
-                        await socket.send_json(self._welcome(page))
+                        self._give_place(page)
+                        try:
+                            await socket.send_json(self._welcome(page))
+                        except BaseException:
+                            self._places.leave(page)
+                            raise
                         return page
                     why = "the token is wrong" if request.type == "hello" else why
                 except PageError as error:
                     why = str(error)
+                except NoPlaceError as error:
+                    code, why = WSCloseCode.TRY_AGAIN_LATER, str(error)
         self.refused += 1
-        await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=why.encode()[:120])
+        await socket.close(code=code, message=why.encode()[:120])
         return None
+
+    def _give_place(self, page: Page) -> None:
+        """Give a page a place; the one that has been silent longest may lose its own.
+
+        Raises:
+            NoPlaceError: there is none for it.
+        """
+        lost = self._places.enter(page, leads=page.role is not Role.VIEWER)
+        if lost is not None:
+            lost.displaced = True
+            lost.end()
 
     def _welcome(self, page: Page) -> dict[str, object]:
         station = self._station
@@ -218,16 +240,22 @@ class Web:
             await asyncio.gather(*tasks, return_exceptions=True)
             with contextlib.suppress(OSError, TimeoutError, RuntimeError):
                 async with asyncio.timeout(3.0):
-                    if page.limits.exhausted or page.overrun:
+                    if page.displaced:
+                        code, why = WSCloseCode.TRY_AGAIN_LATER, b"another page took this place"
+                        await socket.close(code=code, message=why)
+                    elif page.limits.exhausted or page.overrun:
                         await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"too much")
                     else:
                         await socket.close()
 
     async def _listen(self, socket: web.WebSocketResponse, page: Page) -> None:
         async for message in socket:
+            self._places.heard(page)
             if message.type is WSMsgType.TEXT:
-                if page.link is None:
-                    self._desk.hear(page, message.data)
+                if not self._desk.admits(page, message.data):
+                    pass
+                elif page.link is None:
+                    self._desk.take(page, message.data)
                 else:
                     page.link.hear(message.data, lambda text: self._late(page, text))
             else:
@@ -240,4 +268,4 @@ class Web:
     def _late(self, page: Page, text: str) -> None:
         """Take what a page said a while ago, if it is still there."""
         if page.id in self._station.pages:
-            self._desk.hear(page, text)
+            self._desk.take(page, text)

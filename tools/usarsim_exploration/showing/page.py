@@ -16,12 +16,13 @@ from aiohttp.typedefs import Handler
 from usarsim_exploration.showing.overlays import OVERLAYS
 from usarsim_exploration.showing.picture import draw, png
 from usarsim_exploration.showing.tape import Tape
+from usarsim_operator.gate import GateLimits, gated
 from usarsim_operator.page_files import page_file, page_headers
 from usarsim_operator.roles import foreign, hosts_of
 from usarsim_operator.serving import PAGE, open_browser
-from usarsim_server.errors import UsarsimError
 
 HOST = "127.0.0.1"
+_LIMITS = GateLimits(share=1.0)  # who looks is who started it, and pictures are drawn for each
 
 
 class Page:
@@ -57,7 +58,8 @@ class Page:
 
     async def _file(self, request: web.Request) -> web.StreamResponse:
         path = request.match_info["path"]
-        return page_file(self._files, path, self._headers, "explore.html")
+        accepted = request.headers.get("Accept-Encoding", "")
+        return page_file(self._files, path, self._headers, "explore.html", accepted)
 
     async def _run(self, request: web.Request) -> web.StreamResponse:
         """What stays as it is."""
@@ -125,20 +127,9 @@ async def served(page: Page, port: int = 0) -> AsyncIterator[str]:
     Raises:
         UsarsimError: the port cannot be had.
     """
-    runner = web.AppRunner(page.app(), access_log=None, shutdown_timeout=1.0)
-    await runner.setup()
-    try:
-        try:
-            await web.TCPSite(runner, HOST, port).start()
-        except OSError as error:
-            cure = "choose another, or 0 for any free one"
-            problem = f"{HOST}:{port} cannot be had: {error.strerror}"
-            raise UsarsimError(f"--port: {problem} ({cure})") from None
-        port = runner.addresses[0][1]
-        page.hosts = hosts_of(HOST, port)
-        yield f"http://{HOST}:{port}/"
-    finally:
-        await runner.cleanup()
+    async with gated(page.app(), HOST, port, limits=_LIMITS) as bound:
+        page.hosts = hosts_of(HOST, bound)
+        yield f"http://{HOST}:{bound}/"
 
 
 async def show(tape: Tape, work: Callable[[Callable[[], bool]], object], port: int = 0) -> None:

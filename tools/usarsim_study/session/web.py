@@ -14,10 +14,11 @@ from pathlib import Path
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
+from usarsim_operator.gate import admit, gated
 from usarsim_operator.page_files import page_file, page_headers
+from usarsim_operator.places import NoPlaceError, Places
 from usarsim_operator.roles import LONGEST, Limits, foreign, hosts_of
 from usarsim_operator.serving import PAGE
-from usarsim_server.errors import UsarsimError
 from usarsim_server.files import reason
 from usarsim_server.toml import read_text
 from usarsim_study.errors import StudyError
@@ -29,7 +30,9 @@ FIRST = "study.html"
 TOKENS = ".desk.json"
 """Keeps the tokens of a study's seats, so that pages come back to a desk that was restarted."""
 MOST_PAGES = 16
-"""Pages at a time."""
+"""Pages at a time that have said who they are."""
+KEPT_PAGES = 4
+"""Places of them that are kept for the experimenter."""
 MOST_TEXTS = 512
 """Texts that may wait for a page; one that lets more wait is shut out."""
 HELLO_TIME = 5.0
@@ -69,10 +72,12 @@ class SocketPage:
 
     Attributes:
         limits: how much it may say. full: it took nothing for too long. ended: it is shut out.
+        displaced: since another page took its place.
     """
 
     def __init__(self, socket: web.WebSocketResponse, now: float) -> None:
         self.limits, self.full, self.ended = Limits(now), False, False
+        self.displaced = False
         self._socket = socket
         self._texts: deque[str] = deque()
         self._stirred = asyncio.Event()
@@ -114,6 +119,7 @@ class Web:
         self._tokens, self._files = tokens, files.resolve()
         self._headers = page_headers(frames=frames)
         self._open: dict[SocketPage, int] = {}
+        self._places: Places[SocketPage] = Places(MOST_PAGES, KEPT_PAGES)
 
     def app(self) -> web.Application:
         """The application for aiohttp."""
@@ -141,23 +147,41 @@ class Web:
     async def _file(self, request: web.Request) -> web.StreamResponse:
         shut = self._shut(request, origin=False)
         path = request.match_info["path"]
-        return shut or page_file(self._files, path, self._headers, FIRST)
+        accepted = request.headers.get("Accept-Encoding", "")
+        return shut or page_file(self._files, path, self._headers, FIRST, accepted)
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
         if (shut := self._shut(request, origin=True)) is not None:
             return shut
-        if len(self._open) >= MOST_PAGES:
-            return web.Response(status=503, text="too many pages")
         socket = web.WebSocketResponse(max_msg_size=LONGEST, timeout=2.0)
         await socket.prepare(request)
         seat = await self._hello(socket)
-        if seat is None:
-            self.refused += 1
-            text = b"the token is wrong, or hello did not come"
-            await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=text)
-        else:
-            await self._serve(socket, seat)
+        page = SocketPage(socket, asyncio.get_running_loop().time())
+        code, why = WSCloseCode.POLICY_VIOLATION, b"the token is wrong, or hello did not come"
+        try:
+            if seat is not None:
+                self._give_place(page, seat)
+                admit(request)
+                await self._serve(socket, seat, page)
+                return socket
+        except NoPlaceError as error:
+            code, why = WSCloseCode.TRY_AGAIN_LATER, str(error).encode()
+        finally:
+            self._places.leave(page)
+        self.refused += 1
+        await socket.close(code=code, message=why)
         return socket
+
+    def _give_place(self, page: SocketPage, seat: int) -> None:
+        """Give a page a place; the one that has been silent longest may lose its own.
+
+        Raises:
+            NoPlaceError: there is none for it.
+        """
+        lost = self._places.enter(page, leads=seat == EXPERIMENTER)
+        if lost is not None:
+            lost.displaced = True
+            lost.end()
 
     async def _hello(self, socket: web.WebSocketResponse) -> int | None:
         """The seat of a page, once it has said its token."""
@@ -174,8 +198,7 @@ class Web:
                 return fits[0] if fits else None
         return None
 
-    async def _serve(self, socket: web.WebSocketResponse, seat: int) -> None:
-        page = SocketPage(socket, asyncio.get_running_loop().time())
+    async def _serve(self, socket: web.WebSocketResponse, seat: int, page: SocketPage) -> None:
         self._open[page] = seat
         if self.desk is not None and seat in (EXPERIMENTER, *self.desk.seats):
             self.desk.enter(seat, page)
@@ -196,14 +219,19 @@ class Web:
             await asyncio.gather(*tasks, return_exceptions=True)
             with contextlib.suppress(OSError, TimeoutError, RuntimeError):
                 async with asyncio.timeout(3.0):
-                    much = page.limits.exhausted or page.full
-                    code = WSCloseCode.POLICY_VIOLATION if much else WSCloseCode.OK
-                    await socket.close(code=code, message=b"too much" if much else b"")
+                    code, why = WSCloseCode.OK, b""
+                    if page.displaced:
+                        code, why = WSCloseCode.TRY_AGAIN_LATER, b"another page took this place"
+                    elif page.limits.exhausted or page.full:
+                        code, why = WSCloseCode.POLICY_VIOLATION, b"too much"
+                    await socket.close(code=code, message=why)
 
     async def _listen(self, socket: web.WebSocketResponse, seat: int, page: SocketPage) -> None:
         clock = asyncio.get_running_loop().time
         async for message in socket:
-            heard = page.limits.hears(clock())
+            self._places.heard(page)
+            long = len(message.data) if message.type is WSMsgType.TEXT else 0
+            heard = page.limits.hears(clock(), long)
             if message.type is not WSMsgType.TEXT:
                 page.limits.refuse()
             elif heard and self.desk is not None:
@@ -221,20 +249,7 @@ async def serving(pages: Web, host: str, port: int) -> AsyncIterator[dict[int, s
     Raises:
         UsarsimError: the port cannot be had.
     """
-    # No access log: it would hold addresses and user agents.
-    runner = web.AppRunner(pages.app(), access_log=None, shutdown_timeout=1.0)
-    await runner.setup()
-    try:
-        try:
-            await web.TCPSite(runner, host, port).start()
-        except OSError as error:
-            raise UsarsimError(
-                f"--port: {host}:{port} cannot be had: {error.strerror} (choose another, or 0 for "
-                "any free one)"
-            ) from None
-        bound = runner.addresses[0][1]
+    async with gated(pages.app(), host, port) as bound:
         pages.hosts = hosts_of(host, bound)
         shown = f"[{host}]" if ":" in host else host
         yield {seat: f"http://{shown}:{bound}/#{token}" for seat, token in pages._tokens.items()}
-    finally:
-        await runner.cleanup()

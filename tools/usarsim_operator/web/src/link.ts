@@ -1,5 +1,6 @@
 // The WebSocket to the gateway: hello, heartbeat, requests with answers, and connecting again.
 
+import { hideFragment } from "./fragment";
 import { graphics } from "./gl";
 import { decode, type Text, type Welcome } from "./protocol";
 import { pageTime, type Store } from "./store";
@@ -10,6 +11,8 @@ export interface Answer {
 }
 
 const PICTURE = 1;
+/** The code of a close where all places are taken. */
+const FULL = 1013;
 const ANSWER_WITHIN_MS = 5000;
 /** `take` may wait for a person, whom the gateway gives 10 s. */
 const TAKE_WITHIN_MS = 12_000;
@@ -78,7 +81,11 @@ export class Link {
       this.socket = null;
       this.store.connected = false;
       this.store.refused =
-        event.code === 1008 ? event.reason || "the gateway refused this page" : "";
+        event.code === 1008 || event.code === FULL
+          ? event.reason || "the gateway refused this page"
+          : "";
+      // Others take turns with this page: each of them gets some seconds.
+      if (event.code === FULL) this.wait = Math.max(this.wait, 4);
       for (const settle of this.pending.values()) settle({ ok: false, why: "the link is lost" });
       this.pending.clear();
       this.store.tell("link");
@@ -109,6 +116,7 @@ export class Link {
     const { store } = this;
     switch (text.type) {
       case "welcome":
+        hideFragment();
         this.welcomed(text);
         break;
       case "pong":

@@ -5,6 +5,7 @@ import { acknowledgeFirst, alarmList, markDialog, markList, notices, questions }
 import type { Action, Bindings } from "./bindings";
 import { charts, linesButton } from "./charts";
 import { choice, h, mark, say } from "./dom";
+import { fragment, watchFragment } from "./fragment";
 import { header } from "./header";
 import { Input } from "./input";
 import { keysDialog, savedBindings } from "./keys";
@@ -77,7 +78,8 @@ function driveStrip(store: Store, input: Input): HTMLElement {
 }
 
 function start(): void {
-  const { token, panel, theme, session } = addressOf(location.hash);
+  const { token, panel, theme, session } = addressOf(fragment());
+  watchFragment();
   firstTheme(theme);
   const store = new Store();
   const link = new Link(store, token, localStorage.getItem("usarsim-name"));

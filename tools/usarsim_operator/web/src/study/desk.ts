@@ -1,5 +1,6 @@
 // The WebSocket to the desk: hello, a ping every second, connecting again, and answers until they are saved.
 
+import { fragment, hideFragment, watchFragment } from "../fragment";
 import { pageTime } from "../store";
 import type { Overview, Refused, Step, Told, Value } from "./protocol";
 import { Unsaved } from "./unsaved";
@@ -8,6 +9,8 @@ import { Unsaved } from "./unsaved";
 const SILENCE_S = 6;
 const FIRST_WAIT_S = 0.25;
 const LONGEST_WAIT_S = 2;
+/** The code of a close where all places are taken. */
+const FULL = 1013;
 
 export interface Hearer {
   step: (step: Step) => void;
@@ -32,9 +35,10 @@ export class Desk {
   /** The first step of this connection is still to come. */
   private fresh = true;
   private wait = FIRST_WAIT_S;
-  private readonly token = decodeURIComponent(location.hash.slice(1));
+  private readonly token = decodeURIComponent(fragment().slice(1));
 
   constructor(private readonly hearer: Hearer) {
+    watchFragment();
     setInterval(() => this.beat(), 1000);
   }
 
@@ -58,7 +62,10 @@ export class Desk {
     if (socket !== this.socket) return;
     this.socket = null;
     this.connected = false;
-    this.why = event.code === 1008 ? event.reason || "the desk refused this page" : "";
+    const refused = event.code === 1008 || event.code === FULL;
+    this.why = refused ? event.reason || "the desk refused this page" : "";
+    // Others take turns with this page: each of them gets some seconds.
+    if (event.code === FULL) this.wait = Math.max(this.wait, 4);
     this.hearer.link();
     setTimeout(() => this.open(), 1000 * this.wait);
     this.wait = Math.min(this.why ? 30 : LONGEST_WAIT_S, 2 * this.wait);
@@ -79,6 +86,7 @@ export class Desk {
     this.heard = pageTime();
     if (!this.connected && (told.type === "step" || told.type === "overview")) {
       this.connected = true;
+      hideFragment();
       this.why = "";
       this.wait = FIRST_WAIT_S;
       this.arrived(told);
