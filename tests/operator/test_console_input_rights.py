@@ -194,7 +194,7 @@ async def test_a_name_is_a_text_in_every_panel(stage: Stage) -> None:
             await holder(bob, EVIL)
             fields = {"robot": EVIL, "place": (1.0, 2.0, 0.0), "note": EVIL}
             second.station.marks.set(fields, EVIL, 0.0)
-            second.station.alarms.see(EVIL, "battery", True, EVIL, 1.0, second.station.now)
+            second.station.alarms.see(EVIL, "battery", True, EVIL, second.station.time)
             for where in (
                 "[data-tile] [data-name]",
                 "[data-robot]",
@@ -239,7 +239,7 @@ async def test_a_viewer_is_offered_nothing_that_it_may_not_do(stage: Stage) -> N
     async with gateway(stage.tap, delay=0.5) as second:
         await second.station.spawn("P3AT", "Watched", "RobotStart13")
         second.station.marks.set({"robot": "Watched", "place": (1.0, 2.0, 0.0)}, "Ada", 0.0)
-        second.station.alarms.see("Watched", "battery", True, "low", 1.0, second.station.now)
+        second.station.alarms.see("Watched", "battery", True, "low", second.station.time)
         async with stage.page(Role.VIEWER, gateway=second) as page:
             await page.wait_for_selector("[data-do=name]:text-is('viewer, 0.5 s late')")
             await page.wait_for_selector("[data-mark]")

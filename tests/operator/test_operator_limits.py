@@ -7,6 +7,7 @@ import itertools
 import random
 from collections.abc import AsyncIterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from virtual_station import VirtualPage, VirtualStation
@@ -217,6 +218,41 @@ async def test_alarm_within_500_ms_once_and_acknowledged(kind: str) -> None:
         await station.run(1.0, world)
         assert ada.alarms == []
         assert len([1 for what, _ in station.notes if what.startswith("alarm")]) == 1
+
+
+async def test_ages_are_never_negative_and_stand_with_the_world() -> None:
+    """CON-17, CON-19: what comes while the world is paused, or late, is no older and no younger for
+    it; a robot of a slowed world is not lost."""
+    async with _station("Ada") as (station, (ada,)):
+        clock = {"type": "clock", "paused": False, "speed": 1.0}
+        station.scene = SimpleNamespace(clock=clock, features={}, present=None)  # type: ignore[assignment]
+
+        def ages(key: str) -> list[float]:
+            rows = [one for one in ada.texts if one["type"] == "state"][-1]["robots"]
+            return [row[key] if key != "link" else row[key]["age"] for row in rows]
+
+        def reports() -> None:
+            _pings(ada)
+            for robot in ROBOTS:
+                _report(station, robot)
+
+        await station.run(1.0, reports)
+        clock["paused"] = True
+        station._told(clock)
+        station.clock += 9.0  # the gateway does nothing for a while
+        reports()
+        await station.run(3.0, lambda: _pings(ada))
+        assert ada.alarms == []
+        assert ages("pose_age") == pytest.approx([0.0] * len(ROBOTS), abs=0.03)
+        assert min(ages("link")) >= 0.0
+        clock.update(paused=False, speed=0.25)
+        station._told(clock)
+        await station.run(3.0, lambda: _pings(ada))  # 0.75 s of the world
+        assert ada.alarms == []
+        assert ages("link") == pytest.approx([0.75] * len(ROBOTS), abs=0.15)
+        await station.run(3.0, lambda: _pings(ada))
+        assert {kind for _, kind in ada.alarms} == {"link"}
+        station.scene = None
 
 
 async def test_calm_run_has_no_alarm() -> None:
