@@ -145,7 +145,7 @@ _CLOCK = _number(-1e15, 1e15)
 FIELDS: Mapping[str, Mapping[str, Check]] = {
     "hello": {
         "token": _text(200),
-        "name": _text(40),
+        "name?": _text(40),
         "webgl?": _switch,
         "shown?": _switch,
     },

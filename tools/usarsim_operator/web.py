@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from socket import IPPROTO_TCP, TCP_NOTSENT_LOWAT
@@ -71,6 +72,7 @@ class Web:
         self._station, self._files = station, files.resolve()
         self._desk = Desk(station)
         self._sockets = 0
+        self._here: list[Page] = []
 
     def app(self) -> web.Application:
         """The application for aiohttp."""
@@ -132,12 +134,15 @@ class Web:
         _compress_only_what_says_so(socket)
         _hold_little(request)
         self._sockets += 1
+        page: Page | None = None
         try:
             page = await self._hello(socket)
             if page is not None:
                 await self._serve(socket, page)
         finally:
             self._sockets -= 1
+            if page is not None:
+                self._here.remove(page)
         return socket
 
     async def _hello(self, socket: web.WebSocketResponse) -> Page | None:
@@ -152,7 +157,8 @@ class Web:
                     found = self.tokens.seat(request.fields.get("token"))
                     if request.type == "hello" and found is not None:
                         role, seat = found
-                        name, plan = request.fields["name"], station.settings.impairment
+                        plan = station.settings.impairment
+                        name = request.fields.get("name") or self._name(role, seat)
                         link = None
                         if plan is not None:
                             link = ImpairedLink(socket, plan.of(name), name)
@@ -162,7 +168,12 @@ class Web:
                         page.link, page.draws = link, request.fields.get("webgl", True)
                         page.deflate = int(socket.compress)
                         page.uptake.tells = request.fields.get("shown", False)
-                        await socket.send_json(self._welcome(page))
+                        self._here.append(page)
+                        try:
+                            await socket.send_json(self._welcome(page))
+                        except BaseException:
+                            self._here.remove(page)
+                            raise
                         return page
                     why = "the token is wrong" if request.type == "hello" else why
                 except PageError as error:
@@ -170,6 +181,12 @@ class Web:
         self.refused += 1
         await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=why.encode()[:120])
         return None
+
+    def _name(self, role: Role, seat: int) -> str:
+        """Of a page that says none: its role, and the least free number from its seat on."""
+        taken = {page.name for page in self._here}
+        names = (f"{role.value} {number}" for number in itertools.count(max(1, seat)))
+        return next(name for name in names if name not in taken)
 
     def _welcome(self, page: Page) -> dict[str, object]:
         station = self._station
@@ -183,6 +200,7 @@ class Web:
         return {
             "type": "welcome",
             "page": page.id,
+            "name": page.name,
             "role": page.role.value,
             "seat": page.seat,
             "device": station.settings.allowance.device if page.seat else "any",

@@ -16,7 +16,6 @@ const TAKE_WITHIN_MS = 12_000;
 
 export class Link {
   private socket: WebSocket | null = null;
-  private readonly anybody = `page ${Math.floor(1000 * Math.random())}`;
   private nextId = 1;
   private wait = 0.25;
   private again = 0;
@@ -37,11 +36,11 @@ export class Link {
 
   /** Whether somebody said who this is. */
   get named(): boolean {
-    return this.given !== null;
+    return !!this.given;
   }
 
   get name(): string {
-    return this.given ?? this.anybody;
+    return this.given || (this.store.welcome?.name ?? "");
   }
 
   /** Says hello once more, by another name: what this page held is free then. */
@@ -66,7 +65,7 @@ export class Link {
     socket.onopen = () => {
       this.shown = this.told = 0;
       const token = this.token;
-      const name = this.name;
+      const name = this.given || undefined;
       // Who cannot draw the world itself is sent a picture of it.
       const { webgl } = graphics();
       socket.send(

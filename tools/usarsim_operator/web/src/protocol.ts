@@ -121,6 +121,8 @@ export interface State {
 export interface Welcome {
   type: "welcome";
   page: number;
+  /** By which others know this page: what it said, else its role and a number. */
+  name: string;
   role: Role;
   server: { address: string; level: string; software: string };
   features: { scene: boolean; takeover: boolean; pace: boolean; lines: boolean };
