@@ -80,6 +80,44 @@ async def test_emergency_stop_halts_all_within_200_ms(tmp_path: Path) -> None:
         assert station.told("R1")[-1][1] != STOP
 
 
+@pytest.mark.parametrize("kind", ["drive", "steer", "fly"])
+async def test_power_beyond_the_limit_is_the_limit_and_said(kind: str) -> None:
+    """Each text that drives: full power on the wire, the answer says so, and without an id one does
+    until the page is within the limit again."""
+    names = {
+        "drive": ("left", "right"),
+        "steer": ("speed", "steer"),
+        "fly": ("linear", "altitude", "lateral", "rotational"),
+    }[kind]
+    async with _station("Ada") as (station, (ada,)):
+        station.robots["R1"].motion = by_class("AirRobot" if kind == "fly" else "P3AT")
+        await ada.ask("take", robot="R1")
+        rest = dict.fromkeys(names, 0.0)
+
+        def drive(power: float) -> dict[str, float]:
+            return {**rest, names[0]: power}
+
+        assert (await ada.ask(kind, robot="R1", **drive(1.0)))["why"] == ""
+        full = station.told("R1")[-1][1]
+        ada.say(kind, robot="R1", **rest)
+        await station.settle()
+        answer = await ada.ask(kind, robot="R1", **drive(7.5))
+        assert (answer["ok"], station.told("R1")[-1][1]) == (True, full)
+        assert answer["why"] == f"{names[0]} 7.5 is beyond the limit: 1 is taken"
+
+        def untold() -> list[str]:
+            return [one["why"] for one in ada.texts if one["type"] == "answer" and not one["id"]]
+
+        for power in (-2.0, -2.0, -2.0, 0.5, 1e300):
+            ada.say(kind, robot="R1", **drive(power))
+            await station.run(0.1)
+        assert [one.partition(" is ")[0] for one in untold()] == [
+            f"{names[0]} -2",
+            f"{names[0]} 1e+300",
+        ]
+        assert station.told("R1")[-1][1] == full
+
+
 @pytest.mark.parametrize("how", ["silent", "gone", "mute"])
 async def test_watchdog_within_500_ms(how: str) -> None:
     """O-19: commands cease, page closed or lost; and a page that falls silent altogether."""

@@ -48,7 +48,7 @@ class Page:
             by the token, from 1 on; of others 0.
         selected: the robot that it is about. cameras, lasers: robots whose pictures and scans it
             does not want. lines: the robot whose protocol lines it wants; None: of nobody.
-        overrun: it was shut out; ended is set then.
+        overrun: it was shut out; ended is set then. limited: it drives beyond the limit.
         draws: it can draw the world by WebGL. link: what impairs its connection, if anything does.
         clock: how far its clock is from ours.
         deaf: it has no socket, since it is a program's: it says, and is told nothing.
@@ -82,6 +82,7 @@ class Page:
         self.link: ImpairedLink | None = None
         self.clock = PageClock()
         self.overrun = False
+        self.limited = False
         self.deaf = socket is None
         self._socket = socket
         self._delay = delay

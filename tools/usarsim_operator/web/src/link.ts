@@ -122,8 +122,11 @@ export class Link {
         store.addLines(text.robot, text.rows, text.lost ?? 0);
         break;
       case "answer":
-        this.pending.get(text.id)?.(text);
-        this.pending.delete(text.id);
+        if (text.id === null && text.ok) this.tellWhy(text);
+        else if (text.id !== null) {
+          this.pending.get(text.id)?.(text);
+          this.pending.delete(text.id);
+        }
         break;
       case "event":
       case "asked":
@@ -186,11 +189,15 @@ export class Link {
     });
   }
 
+  /** Shows why something was refused, or done in another way than was asked. */
+  private tellWhy({ ok, why }: Answer, what = ""): void {
+    if (!ok || why) this.store.tell("notice", `${what}${why || "refused"}`);
+  }
+
   /** Asks, and shows the reason where the answer is no. */
   async request(text: { type: string; [key: string]: unknown }): Promise<boolean> {
     const answer = await this.ask(text);
-    if (!answer.ok)
-      this.store.tell("notice", `${text.type.replace("_", " ")}: ${answer.why ?? "refused"}`);
+    this.tellWhy(answer, `${text.type.replace("_", " ")}: `);
     return answer.ok;
   }
 }

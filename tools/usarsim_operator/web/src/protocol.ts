@@ -154,7 +154,7 @@ export type Text =
   | { type: "event"; robot: string; kind: string; value: unknown; time: number }
   | { type: "asked"; robot: string; page: number; name: string }
   | { type: "lines"; robot: string; rows: LineRow[]; lost?: number }
-  | { type: "answer"; id: number; ok: boolean; why?: string };
+  | { type: "answer"; id: number | null; ok: boolean; why?: string };
 
 export interface Head {
   robot: number;
