@@ -199,6 +199,7 @@ class Pulse:
             "joints": {
                 name: round(value, 4) for name, value in told.joints.items() if math.isfinite(value)
             },
+            "learned": one.learned or not one.own,
             "enabled": one.name not in station.arbiter.disabled,
             "failed": one.name in station.arbiter.failed,
             "mode": station.autonomy.mode(one),

@@ -5,6 +5,7 @@ import uPlot from "uplot";
 import { button, colour, h, mark, panel, rem, robotColour, say } from "./dom";
 import { agoText } from "./staleness";
 import type { Sample, Store } from "./store";
+import { emptyNote, waitText } from "./waiting";
 
 interface Series {
   name: string;
@@ -102,7 +103,10 @@ export function charts(store: Store, linesButton: HTMLElement): HTMLElement {
     if (made[2] && made[2].series !== chosen()[2]) make();
     else fill();
   });
-  return panel("details", "Last two minutes", [linesButton], box);
+  const none = emptyNote(store, (now) =>
+    recent().length > 0 ? "" : waitText(store, `report of ${store.selected}`, now),
+  );
+  return panel("details", "Last two minutes", [linesButton], none, box);
 }
 
 function options(

@@ -150,6 +150,7 @@ export class Link {
 
   private welcomed(welcome: Welcome): void {
     this.store.welcome = welcome;
+    this.store.welcomed = pageTime();
     this.store.connected = true;
     this.store.rounds.clear();
     this.store.losses.clear();

@@ -38,6 +38,8 @@ export interface Robot {
   battery: number | null;
   light: boolean;
   enabled: boolean;
+  /** It has answered what it is and carries; absent: yes. */
+  learned?: boolean;
   /** Nobody can enable it before it has recovered. */
   failed?: boolean;
   /** The operator whose robot it is in a trial; null: everybody's. */

@@ -76,6 +76,8 @@ export class Store {
   readonly rounds = new Rounds();
   readonly losses = new Losses();
   welcome: Welcome | null = null;
+  /** Page time of the last `welcome`, s. */
+  welcomed = Number.NEGATIVE_INFINITY;
   state: State | null = null;
   selected = "";
   readonly slots = new Map<number, Slots>();
