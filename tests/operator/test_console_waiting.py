@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,9 +12,11 @@ import pytest
 
 pytest.importorskip("aiohttp")
 
-from console_browser import Stage, becomes, staged
+from console_browser import Stage, becomes, staged, until
 from console_harness import gateway
+from PIL import Image
 
+from usarsim_operator import packets
 from usarsim_operator.roles import Role
 
 LATE = 600.0
@@ -106,3 +109,26 @@ async def test_a_viewer_is_told_what_is_waited_for(stage: Stage) -> None:
             await noted(page, "map", "card", "robots", "details")
         finally:
             await context.close()
+
+
+async def test_the_chosen_robots_picture_is_shown_first(stage: Stage) -> None:
+    """Of pictures that wait together the page draws that of the robot that it is about first."""
+    jpeg = io.BytesIO()
+    Image.new("RGB", (32, 24), "#406080").save(jpeg, "JPEG")
+    station = stage.gateway.station
+    async with stage.page() as page:
+        await page.keyboard.press("3")
+        number = await page.evaluate("window.usarsim.store.welcome.page")
+        mine = station.pages[number]
+        await until(lambda: mine.selected == "R3")
+        await page.evaluate(
+            "window.order = [];"
+            "window.usarsim.store.on('picture', (index) => window.order.push(index))"
+        )
+        for robot in station.robots.values():
+            head = packets.head(packets.PICTURE, robot.index, 1, station.time)
+            mine.show("picture", robot.name, head + jpeg.getvalue())
+        await becomes(page, "window.order.length >= 4")
+        order = await page.evaluate("window.order")
+        assert order[0] == station.robots["R3"].index
+        assert sorted(order) == [0, 1, 2, 3]
