@@ -204,14 +204,16 @@ class Stage:
             self.gateway.station.arbiter.reset("the next test", 0)
             self.latch.unlink(missing_ok=True)
 
-    async def open(self, port: int, latch: Path) -> None:
-        """Begin, before a server that runs."""
+    async def open(self, port: int, latch: Path, scene: int | None = None) -> None:
+        """Begin, before a server that runs; scene: its scene port."""
         self.latch = latch
         proxy = Proxy([Link(0, "127.0.0.1", port)], self.wire)  # type: ignore[arg-type]
         self.tap = (await proxy.start())[0]
         self._stack.push_async_callback(proxy.stop)
         self.browser = await self._stack.enter_async_context(browsing(*NO_GL))
-        self.gateway = await self._stack.enter_async_context(gateway(self.tap, latch=latch))
+        self.gateway = await self._stack.enter_async_context(
+            gateway(self.tap, latch=latch, scene=scene)
+        )
         for number in (1, 2, 3, 4):
             await self.gateway.station.spawn("P3AT", f"R{number}", f"RobotStart{number}")
 
@@ -266,19 +268,20 @@ class Stage:
         assert await page.evaluate("late()") <= 4
 
 
-def staged(page_folder: Path, latch: Path) -> Any:
-    """The body of a module's fixture `stage`: gives it, and ends it."""
+def staged(page_folder: Path, latch: Path, **settings: object) -> Any:
+    """The body of a module's fixture `stage`: gives it, and ends it; settings: of its server."""
     executable()
     pytest.importorskip("playwright.async_api")
     with (
         pytest.MonkeyPatch.context() as patched,
-        running_server(world="arena") as (_, endpoints),
+        running_server(world="arena", **settings) as (_, endpoints),
         asyncio.Runner() as runner,
     ):
         # A browser beside others may not have the processor for three seconds.
         patched.setattr(watchdog, "PAGE_TIME", PATIENCE)
         stage = Stage(runner)
-        runner.run(stage.open(endpoints["control"].port, latch))
+        scene = endpoints["scene"].port if "scene" in endpoints else None
+        runner.run(stage.open(endpoints["control"].port, latch, scene))
         try:
             yield stage
         finally:

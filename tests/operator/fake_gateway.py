@@ -318,9 +318,10 @@ class FakeGateway:
         hello = await socket.receive_json()
         role, self.pages = hello["token"], self.pages + 1
         page = self.pages
+        name = hello.get("name") or f"{role} {page}"
         features = {"scene": role != "operator", "takeover": True, "pace": True, "lines": role == "instructor"}  # fmt: skip
         await socket.send_json(
-            {"type": "welcome", "page": page, "role": role, "features": features, "watchdog_s": 0.5,
+            {"type": "welcome", "page": page, "name": name, "role": role, "features": features, "watchdog_s": 0.5,
              "server": {"address": "127.0.0.1:3000", "level": "arena", "software": "fake"},
              "gateway_clock": time.monotonic()}
         )  # fmt: skip
@@ -332,7 +333,7 @@ class FakeGateway:
             self.texts.append((time.monotonic(), text))
             if text["type"] == "ping" and not self.frozen:
                 await socket.send_json({**text, "type": "pong", "gateway_clock": time.monotonic()})
-            done, why = self.answer(page, hello["name"], text)
+            done, why = self.answer(page, name, text)
             if "id" in text and not self.frozen:
                 await socket.send_json({"type": "answer", "id": text["id"], "ok": done, "why": why})
         player.cancel()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import colorsys
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -99,6 +100,30 @@ def test_ages_that_the_gateway_tells_count(browser: Any, played: Played) -> None
         # A world that was halted on purpose is old nowhere.
         played.gateway.paused = True
         until(lambda: set(page.evaluate(STALE)["[data-tile]"]) == {"false"})
+
+
+def test_no_age_is_negative(browser: Any, played: Played) -> None:
+    """CON-19: a clock that is behind is told as 0.0 s in every panel, what never came as never."""
+    plain = played.gateway.robot
+
+    def early(i: int) -> dict[str, Any]:
+        row, age = plain(i), {"age": -15.7 if i == 0 else 1e6}
+        sensors = [{**one, **age} for one in row["sensors"]]
+        link = {**row["link"], **age, "signal_dbm": None}
+        more = {"pose_age": age["age"], "link": link, "sensors": sensors}
+        return {**row, **more, **{key: {**row[key], **age} for key in ("camera", "laser")}}
+
+    played.gateway.robot = early
+    with shown(browser, played.url("operator"), viewport={"width": 1366, "height": 900}) as page:
+        heard = "[data-chart='last heard'] output"
+        until(lambda: page.locator(heard).count() and "ago" in page.inner_text(heard))
+        assert page.inner_text(heard) == "0.0 s ago"
+        seen = page.inner_text("body")
+        assert re.search(r"[-−]\d+(\.\d+)? (s|min)\b", seen) is None
+        page.click("[data-robot=R2]")
+        until(lambda: page.inner_text(heard) == "unknown")
+        assert "Hz · –" in page.inner_text("[data-sensors]")
+        assert "1000000" not in page.inner_text("body")
 
 
 def test_clock_in_lockstep(browser: Any, played: Played) -> None:

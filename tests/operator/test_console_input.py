@@ -108,6 +108,20 @@ async def test_a_dialog_takes_the_keys(stage: Stage) -> None:
         assert len(stage.wire.drives("R1")) == count
 
 
+async def test_power_beyond_the_limit_is_said(stage: Stage) -> None:
+    """What hands can never ask for, and a changed page can: full power, and a notice."""
+    async with stage.page() as page:
+        await page.click("[data-do=take]")
+        await becomes(page, "window.usarsim.store.mine")
+        text = "{type: 'drive', robot: 'R1', left: 3, right: 3}"
+        await page.evaluate(f"window.usarsim.input.link.send({text})")
+        await stage.driven("R1", (1.0, 1.0))
+        await page.wait_for_selector(
+            "[data-notices] p:text-is('left 3 is beyond the limit: 1 is taken; "
+            "right 3 is beyond the limit: 1 is taken')"
+        )
+
+
 async def test_twenty_drives_a_second_and_none_while_neutral(stage: Stage) -> None:
     """O-36: by the page's own clock, put forward by hand: 20 Hz, then a minute of silence on the
     wire in which the heartbeat between page and gateway goes on."""

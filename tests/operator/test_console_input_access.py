@@ -153,7 +153,7 @@ async def test_no_colour_alone_tells_robots_apart(stage: Stage) -> None:
             told = await page.locator(f'[data-robot] [data-link="{state}"]').all_inner_texts()
             assert all(sign in text for text in told)
         station = stage.gateway.station
-        station.alarms.see("R3", "battery", True, "battery below 20 %", 1.0, station.now)
+        station.alarms.see("R3", "battery", True, "battery below 20 %", station.time)
         await page.wait_for_selector(
             "[data-alarm] .sign:has-text('△'), [data-alarm] .sign:has-text('■')"
         )

@@ -194,7 +194,7 @@ async def test_a_name_is_a_text_in_every_panel(stage: Stage) -> None:
             await holder(bob, EVIL)
             fields = {"robot": EVIL, "place": (1.0, 2.0, 0.0), "note": EVIL}
             second.station.marks.set(fields, EVIL, 0.0)
-            second.station.alarms.see(EVIL, "battery", True, EVIL, 1.0, second.station.now)
+            second.station.alarms.see(EVIL, "battery", True, EVIL, second.station.time)
             for where in (
                 "[data-tile] [data-name]",
                 "[data-robot]",
@@ -262,6 +262,24 @@ async def test_a_wrong_token_is_not_kept(stage: Stage) -> None:
         assert "wrong" not in await page.evaluate("sessionStorage.getItem('usarsim-fragment')")
 
 
+async def test_who_gives_no_name_is_told_of_by_role_and_number(stage: Stage) -> None:
+    """Others read whom to ask: never the number of a page, and each name is of one of them only."""
+    async with stage.page() as first, stage.page() as second, stage.page(Role.INSTRUCTOR) as third:
+        pages = (first, second, third)
+        names = [await page.inner_text("[data-do=name]") for page in pages]
+        assert names == ["operator 1", "operator 2", "instructor 1"]
+        assert {one.name for one in stage.gateway.station.pages.values()} == set(names)
+        await second.keyboard.press("3")
+        await second.click("[data-do=take]")
+        await first.keyboard.press("3")
+        await holder(first, "operator 2")
+        await third.click("[data-do=estop]")
+        for page in pages:
+            await page.wait_for_selector("[data-do=estop]:text-is('Stopped by instructor 1')")
+            assert "by instructor 1 at" in await page.inner_text("[data-stopped] p")
+        await release(first)
+
+
 async def test_a_viewer_is_offered_nothing_that_it_may_not_do(stage: Stage) -> None:
     """No button, key or double click of a viewer asks for what would be refused; it is told how
     late it sees, and its own switches are answered at once."""
@@ -269,9 +287,9 @@ async def test_a_viewer_is_offered_nothing_that_it_may_not_do(stage: Stage) -> N
     async with gateway(stage.tap, delay=0.5) as second:
         await second.station.spawn("P3AT", "Watched", "RobotStart13")
         second.station.marks.set({"robot": "Watched", "place": (1.0, 2.0, 0.0)}, "Ada", 0.0)
-        second.station.alarms.see("Watched", "battery", True, "low", 1.0, second.station.now)
+        second.station.alarms.see("Watched", "battery", True, "low", second.station.time)
         async with stage.page(Role.VIEWER, gateway=second) as page:
-            await page.wait_for_selector("[data-do=name]:text-is('viewer, 0.5 s late')")
+            await page.wait_for_selector("[data-do=name]:text-is('viewer 1, 0.5 s late')")
             await page.wait_for_selector("[data-mark]")
             await page.wait_for_selector("[data-alarm]")
             await page.wait_for_selector("[data-panel=laser] [data-age]:text-matches('\\\\d')")

@@ -7,6 +7,7 @@ import itertools
 import random
 from collections.abc import AsyncIterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from virtual_station import VirtualPage, VirtualStation
@@ -77,6 +78,44 @@ async def test_emergency_stop_halts_all_within_200_ms(tmp_path: Path) -> None:
         assert (await ada.ask("drive", robot="R1", left=1.0, right=1.0))["ok"]
         await station.run(0.02)
         assert station.told("R1")[-1][1] != STOP
+
+
+@pytest.mark.parametrize("kind", ["drive", "steer", "fly"])
+async def test_power_beyond_the_limit_is_the_limit_and_said(kind: str) -> None:
+    """Each text that drives: full power on the wire, the answer says so, and without an id one does
+    until the page is within the limit again."""
+    names = {
+        "drive": ("left", "right"),
+        "steer": ("speed", "steer"),
+        "fly": ("linear", "altitude", "lateral", "rotational"),
+    }[kind]
+    async with _station("Ada") as (station, (ada,)):
+        station.robots["R1"].motion = by_class("AirRobot" if kind == "fly" else "P3AT")
+        await ada.ask("take", robot="R1")
+        rest = dict.fromkeys(names, 0.0)
+
+        def drive(power: float) -> dict[str, float]:
+            return {**rest, names[0]: power}
+
+        assert (await ada.ask(kind, robot="R1", **drive(1.0)))["why"] == ""
+        full = station.told("R1")[-1][1]
+        ada.say(kind, robot="R1", **rest)
+        await station.settle()
+        answer = await ada.ask(kind, robot="R1", **drive(7.5))
+        assert (answer["ok"], station.told("R1")[-1][1]) == (True, full)
+        assert answer["why"] == f"{names[0]} 7.5 is beyond the limit: 1 is taken"
+
+        def untold() -> list[str]:
+            return [one["why"] for one in ada.texts if one["type"] == "answer" and not one["id"]]
+
+        for power in (-2.0, -2.0, -2.0, 0.5, 1e300):
+            ada.say(kind, robot="R1", **drive(power))
+            await station.run(0.1)
+        assert [one.partition(" is ")[0] for one in untold()] == [
+            f"{names[0]} -2",
+            f"{names[0]} 1e+300",
+        ]
+        assert station.told("R1")[-1][1] == full
 
 
 @pytest.mark.parametrize("how", ["silent", "gone", "mute"])
@@ -217,6 +256,41 @@ async def test_alarm_within_500_ms_once_and_acknowledged(kind: str) -> None:
         await station.run(1.0, world)
         assert ada.alarms == []
         assert len([1 for what, _ in station.notes if what.startswith("alarm")]) == 1
+
+
+async def test_ages_are_never_negative_and_stand_with_the_world() -> None:
+    """CON-17, CON-19: what comes while the world is paused, or late, is no older and no younger for
+    it; a robot of a slowed world is not lost."""
+    async with _station("Ada") as (station, (ada,)):
+        clock = {"type": "clock", "paused": False, "speed": 1.0}
+        station.scene = SimpleNamespace(clock=clock, features={}, present=None)  # type: ignore[assignment]
+
+        def ages(key: str) -> list[float]:
+            rows = [one for one in ada.texts if one["type"] == "state"][-1]["robots"]
+            return [row[key] if key != "link" else row[key]["age"] for row in rows]
+
+        def reports() -> None:
+            _pings(ada)
+            for robot in ROBOTS:
+                _report(station, robot)
+
+        await station.run(1.0, reports)
+        clock["paused"] = True
+        station._told(clock)
+        station.clock += 9.0  # the gateway does nothing for a while
+        reports()
+        await station.run(3.0, lambda: _pings(ada))
+        assert ada.alarms == []
+        assert ages("pose_age") == pytest.approx([0.0] * len(ROBOTS), abs=0.03)
+        assert min(ages("link")) >= 0.0
+        clock.update(paused=False, speed=0.25)
+        station._told(clock)
+        await station.run(3.0, lambda: _pings(ada))  # 0.75 s of the world
+        assert ada.alarms == []
+        assert ages("link") == pytest.approx([0.75] * len(ROBOTS), abs=0.15)
+        await station.run(3.0, lambda: _pings(ada))
+        assert {kind for _, kind in ada.alarms} == {"link"}
+        station.scene = None
 
 
 async def test_calm_run_has_no_alarm() -> None:

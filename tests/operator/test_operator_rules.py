@@ -105,18 +105,18 @@ def test_alarm_comes_once_for_a_cause_and_again_after_calm() -> None:
     log: Log = []
     alarms = Alarms(lambda what, facts: log.append((what, facts)))
     for step in range(50):
-        alarms.see("R", "battery", True, "low", 0.0, step * 0.1)
+        alarms.see("R", "battery", True, "low", step * 0.1)
     assert len(log) == 1
     (row,), _ = alarms.shown()
     assert row["count"] == 1
-    alarms.see("R", "battery", False, "low", 0.0, 5.0)  # a flicker
-    alarms.see("R", "battery", True, "low", 0.0, 5.1)
+    alarms.see("R", "battery", False, "low", 5.0)  # a flicker
+    alarms.see("R", "battery", True, "low", 5.1)
     assert len(log) == 1
-    alarms.see("R", "battery", False, "low", 0.0, 8.0)
-    alarms.see("R", "battery", True, "low", 0.0, 8.1)
+    alarms.see("R", "battery", False, "low", 8.0)
+    alarms.see("R", "battery", True, "low", 8.1)
     assert [what for what, _ in log] == ["alarm", "alarm again"]
     assert alarms.acknowledge(int(str(row["id"])))
-    alarms.see("R", "battery", False, "low", 0.0, 20.0)
+    alarms.see("R", "battery", False, "low", 20.0)
     assert alarms.shown() == ([], 0)
 
 
@@ -126,7 +126,7 @@ def test_flood_of_alarms_shows_the_worst() -> None:
     alarms = Alarms(lambda what, facts: log.append((what, facts)))
     kinds = ["stale", "battery", "tipped", "stuck", "link"]
     for number in range(100):
-        alarms.see(f"R{number}", kinds[number % 5], True, "x", 0.0, number * 0.1)
+        alarms.see(f"R{number}", kinds[number % 5], True, "x", number * 0.1)
     rows, hidden = alarms.shown()
     assert (len(rows), hidden, len(log)) == (SHOWN, 95, 100)
     assert [row["severity"] for row in rows] == [3] * SHOWN

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
 import struct
 
@@ -11,9 +12,11 @@ from hypothesis import strategies as st
 from PIL import Image
 from virtual_station import VirtualPage, VirtualStation
 
+from usarsim_client import Picture
 from usarsim_operator import packets, slimming
 from usarsim_operator.impaired_link import ImpairedLink
 from usarsim_operator.impairment import Conditions
+from usarsim_operator.pictures import CameraFeed
 from usarsim_operator.roles import Role
 from usarsim_operator.uptake import SLOW, Uptake
 
@@ -43,6 +46,76 @@ async def test_a_picture_waits_until_the_page_has_drawn_the_one_before() -> None
     page.say("shown", count=3)
     await station.settle()
     assert page.page.uptake.under_way == 0
+    await station.end(page)
+
+
+async def test_the_chosen_robot_comes_first_and_nothing_starves() -> None:
+    """Its picture goes before those that waited longer; between two of it goes one other."""
+    station = VirtualStation()
+    page = VirtualPage(station, "Ada", Role.OPERATOR)
+    await station.settle()
+    page.stalled.clear()
+    page.page.tell({"type": "event"})
+    await station.settle()  # that is held up by the socket
+    page.page.selected = "R4"
+    for number in range(1, 6):
+        page.page.show("picture", f"R{number}", _picture(number, 0))
+    page.page.show("state", "", '{"type": "state"}')
+    for _ in range(6):
+        page.stalled.set()
+        await asyncio.sleep(0)
+        page.stalled.clear()
+        page.page.show("picture", "R4", _picture(4, 0))
+        page.page.show("state", "", '{"type": "state"}')
+    page.stalled.set()
+    await station.settle()
+    seen = [robot for robot, _ in _seen(page)]
+    assert seen[0] == 4
+    assert sorted(seen[: seen.index(5) + 1])[:3] == [1, 2, 3]
+    assert page.texts[1]["type"] == "state"
+    await station.end(page)
+
+
+async def test_a_feed_hurries_when_its_robot_is_chosen() -> None:
+    """The chosen one is asked for before the others, and does not wait for its slow rhythm."""
+    asked: list[str] = []
+    waits = asyncio.Event()
+
+    class Look:
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        async def __aenter__(self) -> Look:
+            return self
+
+        async def __aexit__(self, *_: object) -> None:
+            return
+
+        def __aiter__(self) -> Look:
+            return self
+
+        async def __anext__(self) -> Picture:
+            asked.append(self.name)
+            waits.set()
+            return Picture(0, b"")
+
+    station = VirtualStation()
+    page = VirtualPage(station, "Ada", Role.OPERATOR)
+    for name in ("R1", "R2", "R3"):
+        station.spawned(name)
+        station.cameras._feeds[name] = CameraFeed(
+            lambda name=name: Look(name),  # type: ignore[misc, arg-type]
+            lambda data, count: None,
+        )
+    await station.settle()
+    page.page.selected = "R3"
+    station.look()
+    await station.settle()
+    assert asked == ["R3", "R1", "R2"]
+    page.say("select", robot="R2")
+    await station.settle()
+    assert asked == ["R3", "R1", "R2", "R2"]
+    await station.cameras.close()
     await station.end(page)
 
 

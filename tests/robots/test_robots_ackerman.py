@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from machine_fakes import ROBOTS, UDK, Driver, angles_of, steering, wild_drives
 
+from usarsim_server.logs import overheard
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.families.steered import (
@@ -226,6 +227,16 @@ def test_no_tread_is_faster_than_the_limit() -> None:
     slow.send(speed=1.0, front_steer=0.5)
     assert slow.machine.wheels is not None
     assert wheels / wheels[0] == pytest.approx(slow.machine.wheels / slow.machine.wheels[0])
+
+
+def test_a_turn_that_slows_a_car_says_so() -> None:
+    """As every other limit does; within it nothing is said."""
+    with overheard() as said:
+        Driver(SEDAN).send(speed=50.0, front_steer=0.5)
+        assert not said
+        Driver(SEDAN).send(speed=96.8, front_steer=0.5)
+    (line,) = said
+    assert "Speed in this turn 96.8: clamped to " in str(line)
 
 
 @pytest.mark.parametrize("dialect", Dialect)

@@ -10,7 +10,7 @@ SHOWN = 5
 KEPT = 500
 """Alarms that wait to be acknowledged; older and milder ones are only in the log."""
 CALM = 2.0
-"""s of the gateway's clock without its cause after which an alarm may come again."""
+"""Simulated s without its cause after which an alarm may come again."""
 
 STUCK_SPEED = 0.1
 """Part of full power beyond which a robot ought to move."""
@@ -29,7 +29,7 @@ class Alarm:
 
     Attributes:
         id: never used again. robot: its name. kind: key of `SEVERITY`. text: for the operator.
-        since: simulated s at its beginning. last: s of the gateway's clock of its cause.
+        since: simulated s at its beginning. last: simulated s when its cause was seen last.
         active: whether its cause is there. count: how often it has come back.
     """
 
@@ -57,38 +57,38 @@ class Alarms:
         self._alarms: dict[tuple[str, str], Alarm] = {}
         self._count = 0
 
-    def see(self, robot: str, kind: str, on: bool, text: str, time: float, now: float) -> None:
+    def see(self, robot: str, kind: str, on: bool, text: str, time: float) -> None:
         """Say whether the cause of an alarm is there.
 
         Args:
             robot: its name. kind: of the alarm.
             on: whether the cause is there.
             text: for the operator.
-            time: simulated s. now: s of the gateway's clock.
+            time: simulated s.
         """
         alarm = self._alarms.get((robot, kind))
         if not on:
-            if alarm is not None and now - alarm.last >= CALM:
+            if alarm is not None and time - alarm.last >= CALM:
                 alarm.active = False
                 if alarm.acknowledged:
                     del self._alarms[robot, kind]
             return
         if alarm is None:
-            self._raise(robot, kind, text, time, now)
+            self._raise(robot, kind, text, time)
         elif not alarm.active:
             alarm.active, alarm.acknowledged, alarm.since = True, False, time
             alarm.count += 1
             alarm.text = text
             self._log("alarm again", {"robot": robot, "kind": kind, "alarm": alarm.id})
         if alarm is not None:
-            alarm.last = now
+            alarm.last = time
 
-    def _raise(self, robot: str, kind: str, text: str, time: float, now: float) -> None:
+    def _raise(self, robot: str, kind: str, text: str, time: float) -> None:
         self._count += 1
         if len(self._alarms) >= KEPT:
             mildest = min(self._alarms.values(), key=lambda one: (one.severity, one.id))
             del self._alarms[mildest.robot, mildest.kind]
-        self._alarms[robot, kind] = Alarm(self._count, robot, kind, text, time, now)
+        self._alarms[robot, kind] = Alarm(self._count, robot, kind, text, time, time)
         self._log("alarm", {"robot": robot, "kind": kind, "alarm": self._count, "text": text})
 
     def acknowledge(self, id: int) -> bool:

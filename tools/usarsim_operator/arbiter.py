@@ -117,7 +117,7 @@ class Arbiter:
         if held is None or held.page != page:
             return Decision(Outcome.REFUSED, f"you do not hold {robot}", held)
         if waiting is None or waiting.page != to:
-            return Decision(Outcome.REFUSED, f"page {to} does not ask for {robot}", held)
+            return Decision(Outcome.REFUSED, f"that page does not ask for {robot}", held)
         del self._asking[robot]
         if grant:
             return self._give(robot, Holder(waiting.page, waiting.name), held, "was granted")

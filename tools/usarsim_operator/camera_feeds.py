@@ -57,7 +57,9 @@ class CameraFeeds:
         viewers = self._station.pages.values()
         cut = {one.name for one in self._station.robots.values() if one.cut}
         most = HASTY_RATE if self._station.hasty else FULL_RATE
-        for name, feed in self._feeds.items():
+        chosen = {page.selected for page in viewers}
+        # What pages are about is asked for first.
+        for name, feed in sorted(self._feeds.items(), key=lambda one: one[0] not in chosen):
             pages = [one for one in viewers if name not in {*one.cameras_off, *cut}]
             closely = any(page.selected == name for page in pages)
             feed.want(0.0 if not pages else min(most, FULL_RATE if closely else SLOW_RATE))

@@ -37,6 +37,7 @@ class Request:
 
     Attributes:
         type: what it wants. id: for its answer. fields: the others, checked.
+        limited: in words, what was beyond its limit and is taken for that.
         clock: s of the page's clock when it was said; None if it does not tell.
     """
 
@@ -44,6 +45,7 @@ class Request:
     id: int | None
     fields: Mapping[str, Any]
     clock: float | None = None
+    limited: str = ""
 
 
 def _text(longest: int) -> Check:
@@ -77,6 +79,25 @@ def _number(least: float, most: float) -> Check:
         return float(value)
 
     return check
+
+
+def _part(value: Any) -> float:
+    """A part of full power, forward or back; beyond that it is `_Limited`."""
+    asked: float = _number(-math.inf, math.inf)(value)
+    if abs(asked) <= 1.0:
+        return asked
+    return _Limited(math.copysign(1.0, asked), asked)
+
+
+class _Limited(float):
+    """A number that stands for one beyond its limit. asked: that one."""
+
+    asked: float
+
+    def __new__(cls, taken: float, asked: float) -> _Limited:
+        found = super().__new__(cls, taken)
+        found.asked = asked
+        return found
 
 
 def _whole(value: Any) -> int:
@@ -136,7 +157,7 @@ def _or_none(check: Check) -> Check:
 
 
 _ROBOT = {"robot": _text(200)}
-_PART = _number(-1.0, 1.0)
+_PART = _part
 _DEVICE = {"device?": _one_of("keyboard", "pad", "touch", "program")}
 _DRIVING = frozenset({"drive", "fly", "steer"})
 _STATUS = {"status?": _note, "note?": _note}
@@ -145,7 +166,7 @@ _CLOCK = _number(-1e15, 1e15)
 FIELDS: Mapping[str, Mapping[str, Check]] = {
     "hello": {
         "token": _text(200),
-        "name": _text(40),
+        "name?": _text(40),
         "webgl?": _switch,
         "shown?": _switch,
     },
@@ -244,7 +265,12 @@ def read(text: str) -> Request:
         except ValueError as error:
             raise PageError(f"{kind}: {key} {error}", id) from None
     clock = fields.pop("clock", None)
-    return Request(kind, id, fields, clock)
+    beyond = [
+        f"{key} {value.asked:g} is beyond the limit: {value:g} is taken"
+        for key, value in fields.items()
+        if isinstance(value, _Limited)
+    ]
+    return Request(kind, id, fields, clock, "; ".join(beyond))
 
 
 def _no_constant(name: str) -> float:

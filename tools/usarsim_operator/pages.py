@@ -50,6 +50,7 @@ class Page:
         selected: the robot that it is about. cameras, lasers: robots whose pictures and scans it
             does not want. lines: the robot whose protocol lines it wants; None: of nobody.
         overrun: it was shut out; ended is set then. displaced: since another page took its place.
+        limited: it drives beyond the limit.
         draws: it can draw the world by WebGL. link: what impairs its connection, if anything does.
         clock: how far its clock is from ours.
         deaf: it has no socket, since it is a program's: it says, and is told nothing.
@@ -83,6 +84,7 @@ class Page:
         self.link: ImpairedLink | None = None
         self.clock = PageClock()
         self.overrun = self.displaced = False
+        self.limited = False
         self.deaf = socket is None
         self._socket = socket
         self._delay = delay
@@ -164,11 +166,16 @@ class Page:
     def _next(self, last: tuple[str, str] | None) -> tuple[str, str] | None:
         """The slot to be sent, after that of `last`."""
         may = (key for key in self._slots if key[0] != "picture" or self.uptake.may(key[1]))
-        # State is small and makes everything else understood: it goes first, but nothing starves.
-        others = (key for key in may if key != _STATE)
-        if _STATE not in self._slots:
-            return next(others, None)
-        return next(others, _STATE) if last == _STATE else _STATE
+        # State is small and makes everything else understood; then comes the picture of the robot
+        # that the page is about. One of the others goes between two such pairs: nothing starves.
+        chosen = "picture", self.selected
+        waiting = list(may)
+        others = [key for key in waiting if key not in (_STATE, chosen)][:1]
+        order = [_STATE, chosen, *others]
+        if last in (_STATE, chosen):
+            begin = order.index(last) + 1
+            order = order[begin:] + order[:begin]
+        return next((key for key in order if key in waiting), None)
 
     async def _send(self, data: Data, key: tuple[str, str] = ("", "")) -> None:
         clock = asyncio.get_running_loop().time

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import io
 from collections.abc import Callable
 
@@ -50,11 +51,14 @@ class CameraFeed:
         """
         self.last, self.rate, self.count = float("-inf"), 0.0, 0
         self._look, self._show = look, show
-        self._wanted = asyncio.Event()
+        self._wanted, self._hurry = asyncio.Event(), asyncio.Event()
         self._task = asyncio.create_task(self._run())
 
     def want(self, rate: float) -> None:
-        """Pictures a second from now on; 0: nobody looks."""
+        """Pictures a second from now on; 0: nobody looks. The next one comes at once if it is more
+        than before."""
+        if rate > self.rate:
+            self._hurry.set()
         self.rate = rate
         (self._wanted.set if rate > 0.0 else self._wanted.clear)()
 
@@ -70,7 +74,10 @@ class CameraFeed:
                             self.count += 1
                             self.last = began
                             self._show(jpeg(picture), self.count)
-                        await asyncio.sleep(1.0 / max(self.rate, 0.5))
+                        self._hurry.clear()
+                        with contextlib.suppress(TimeoutError):
+                            async with asyncio.timeout(1.0 / max(self.rate, 0.5)):
+                                await self._hurry.wait()
                         if not self.rate:
                             break
             except (OSError, ProtocolError, TimeoutError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Generic, TypeVar
 
 PageLike = TypeVar("PageLike")
@@ -21,6 +22,9 @@ class Places(Generic[PageLike]):
 
     def __len__(self) -> int:
         return len(self._pages)
+
+    def __iter__(self) -> Iterator[PageLike]:
+        return iter(tuple(self._pages))
 
     def __contains__(self, page: PageLike) -> bool:
         return page in self._pages

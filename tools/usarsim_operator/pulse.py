@@ -11,6 +11,7 @@ from usarsim_operator import packets
 from usarsim_operator.robot_link import Driven
 from usarsim_operator.signals import grade
 from usarsim_operator.station import Station
+from usarsim_operator.world_clock import age
 
 WATCH = 0.02
 """s between two looks at the watchdog."""
@@ -28,7 +29,6 @@ class Pulse:
     def __init__(self, station: Station) -> None:
         self._station = station
         self._look_due = self._state_due = self._map_due = 0.0
-        self._beaten = station.now
         self._map_told: dict[int, int] = {}
         self._paths_told: dict[tuple[int, str], int] = {}
         self._links: dict[str, str] = {}
@@ -46,15 +46,12 @@ class Pulse:
     def restart(self) -> None:
         """Another clock counts from now on."""
         self._look_due = self._state_due = self._map_due = -math.inf
-        self._beaten = self._station.now
+        self._station.world.restart()
         self._rate = None
 
     def beat(self) -> None:
         """Do what is due."""
         station, now = self._station, self._station.now
-        if station.scene and station.scene.clock.get("paused"):
-            station.stood += now - self._beaten
-        self._beaten = now
         for name in station.watchdog.overdue(now):
             if (driven := station.robots.get(name)) is not None:
                 station.stop(driven, "no drive for too long")
@@ -72,7 +69,7 @@ class Pulse:
         if now >= self._look_due:
             self._look_due = now + STATE
             if station.pages:
-                self._alarms(now)
+                self._alarms()
                 if now >= self._state_due:
                     self._state_due = now + (HASTY_STATE if station.hasty else 0.0)
                     self._state(now)
@@ -82,10 +79,9 @@ class Pulse:
 
     # -- alarms -------------------------------------------------------------------------------
 
-    def _alarms(self, now: float) -> None:
-        station, heard = self._station, self._station.world_clock
+    def _alarms(self) -> None:
+        station, heard = self._station, self._station.world.time
         self._links = {name: self._links.get(name, "good") for name in station.robots}
-        paused = bool(station.scene and station.scene.clock.get("paused"))
         present = station.scene.present if station.scene else None
         here = {thing.name: thing for thing in present.things} if present else {}
         for name, one in station.robots.items():
@@ -93,15 +89,15 @@ class Pulse:
                 continue
             told, time = one.telemetry, station.time
             battery = told.battery
-            silent = told.link(heard) == "lost" and told.last > 0.0
+            silent = told.link(heard) == "lost" and told.last > -math.inf
             signal = self._signal(one)
             lost = "link lost" if silent else f"the radio does not reach it ({signal} dBm)"
             causes = {
                 "battery": (battery is not None and battery < 0.2, "battery below 20 %"),
                 "tipped": (told.tipped, "it lies on its side"),
-                "link": ((silent or grade(signal) == "lost") and not paused, lost),
+                "link": ((silent or grade(signal) == "lost") and not station.paused, lost),
             }
-            stale = [] if paused or silent else told.stale(heard)
+            stale = [] if station.paused or silent else told.stale(heard)
             causes["stale"] = bool(stale), f"no news of {', '.join(stale[:3])}"
             if (thing := here.get(name)) is not None:
                 causes["stuck"] = thing.stuck, "it does not move"
@@ -113,7 +109,7 @@ class Pulse:
                 station.event(name, "link", link, signal_dbm=signal)
             self._links[name] = link
             for kind, (on, text) in causes.items():
-                station.alarms.see(name, kind, on, text, time, now)
+                station.alarms.see(name, kind, on, text, time)
 
     # -- what pages are told ------------------------------------------------------------------
 
@@ -129,7 +125,7 @@ class Pulse:
             "type": "state",
             "time": station.time,
             "gateway_clock": station.wall,
-            "paused": bool(clock.get("paused", False)),
+            "paused": station.paused,
             "speed": clock.get("speed", 1.0),
             "real_time_factor": clock.get("real_time_factor", round(self.real_time_factor, 2)),
             "estop": None if stop is None else {"by": stop.by, "time": stop.time},
@@ -163,7 +159,7 @@ class Pulse:
         for row, one in zip(state["robots"], station.robots.values(), strict=True):
             true = None
             if not one.own:
-                true = station.truth.row(one.name, scene.present, station.world_clock)
+                true = station.truth.row(one.name, scene.present, station.world.time)
             row = {**row, **(true or {})}
             rows.append({**row, "zone": _zone_of(row["pose"], zones)})
         more = {"zones": zones, "victims": scene.victims}
@@ -179,7 +175,7 @@ class Pulse:
 
     def _row(self, one: Driven, now: float) -> dict[str, object]:
         station, told = self._station, one.telemetry
-        heard = station.world_clock
+        heard = station.world.time
         holder = station.arbiter.holders.get(one.name)
         feed = station.cameras.get(one.name)
         held: dict[str, object] | None = None
@@ -203,6 +199,7 @@ class Pulse:
             "joints": {
                 name: round(value, 4) for name, value in told.joints.items() if math.isfinite(value)
             },
+            "learned": one.learned or not one.own,
             "enabled": one.name not in station.arbiter.disabled,
             "failed": one.name in station.arbiter.failed,
             "mode": station.autonomy.mode(one),
@@ -210,7 +207,7 @@ class Pulse:
             "zone": None,
             "link": {
                 "state": self._link(one),
-                "age": round(min(heard - told.last, 1e6), 3) if one.own else 0.0,
+                "age": round(age(told.last, heard), 3) if one.own else 0.0,
                 "signal_dbm": self._signal(one),
             },
             "holder": held,
@@ -221,7 +218,7 @@ class Pulse:
             if feed is None
             else {
                 "on": True,
-                "age": round(min(station.wall - feed.last, 1e6), 3),
+                "age": round(age(feed.last, station.wall), 3),
                 "rate_hz": feed.rate,
                 "dropped": 0,
                 **_view(one),
@@ -236,7 +233,7 @@ class Pulse:
 
     def _link(self, one: Driven) -> str:
         """How a robot is reached, by its silence and by its signal; the worse of both."""
-        heard = one.telemetry.link(self._station.world_clock) if one.own else "good"
+        heard = one.telemetry.link(self._station.world.time) if one.own else "good"
         return max(heard, grade(self._signal(one)), key=("good", "weak", "lost").index)
 
     def _maps(self) -> None:

@@ -98,7 +98,8 @@ class Desk:
             return
         station.watchdog.heard(page.id, now)
         # In lockstep only the newest of a tick reaches a robot, and no clock counts.
-        free = station.lockstep is not None or not messages.driving(request.type)
+        driving = messages.driving(request.type)
+        free = station.lockstep is not None or not driving
         if not free and not page.limits.drives(now):
             page.answer(request.id, False, "too many texts that drive")
             return
@@ -125,7 +126,11 @@ class Desk:
                 page.tell({"type": "answer", "id": None, "ok": False, "why": str(error)})
             return
         if result is not LATER:
-            page.answer(request.id, True)
+            page.answer(request.id, True, request.limited)
+        if driving and request.id is None and bool(request.limited) != page.limited:
+            page.limited = bool(request.limited)  # told once, not 20 times a second
+            if page.limited:
+                page.tell({"type": "answer", "id": None, "ok": True, "why": request.limited})
 
     # -- looking ------------------------------------------------------------------------------
 

@@ -233,6 +233,8 @@ class SceneLink:
                     async for news in live:
                         self._take(news)
             self._live = None
+            self.clock = {}
+            self._told({"type": "clock"})
             self.features = dict.fromkeys(self.features, False)
             for future in self._replies.values():
                 future.cancel()
@@ -257,6 +259,7 @@ class SceneLink:
                     future.set_result(dict(news))
             case {"type": "clock"}:
                 self.clock = dict(news)
+                self._told(self.clock)
             case {"type": "lines" | "intervention"}:
                 self._told(dict(news))
             case _:

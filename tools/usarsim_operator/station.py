@@ -48,6 +48,7 @@ from usarsim_operator.signals import Signals
 from usarsim_operator.timed_moves import Rotate
 from usarsim_operator.truth import Truth, wire_pose
 from usarsim_operator.watchdog import Watchdog
+from usarsim_operator.world_clock import WorldClock
 from usarsim_server.logs import Log
 from usarsim_server.protocol.values import Vector
 
@@ -63,7 +64,8 @@ class Station:
     Attributes:
         server: the way to the server. robots: all that are known, by name.
         pages: those that have said who they are, by id.
-        seats: of operators whose pages ever came. stood: s for which the world was paused so far.
+        seats: of operators whose pages ever came.
+        world: its clock, by which reports grow old; it stands while the world is paused.
         recorder: one of them that keeps the session; None if nobody wants that.
         observers: that one, and who else keeps what happens.
         mission: how the mission goes; None without one.
@@ -86,6 +88,7 @@ class Station:
         self.log = Log("console")
         self.arbiter = Arbiter(settings.latch, self._note)
         self.watchdog = Watchdog()
+        self.world = WorldClock(lambda: self.now)
         self.alarms = Alarms(self._note)
         self.marks = Marks()
         self.map = OccupancyMap()
@@ -104,7 +107,6 @@ class Station:
         self._page_ids = itertools.count(1)
         self._tasks: set[asyncio.Task[None]] = set()
         self.truth = Truth()
-        self.stood = 0.0
         self.lockstep = Lockstep(self, settings.pace) if settings.lockstep else None
 
     # -- beginning and end --------------------------------------------------------------------
@@ -183,9 +185,9 @@ class Station:
         return self.now if self.lockstep is None else asyncio.get_running_loop().time()
 
     @property
-    def world_clock(self) -> float:
-        """s of the gateway's clock in which the world was not paused: ages count by it."""
-        return self.now - (self.stood if self.lockstep is None else 0.0)
+    def paused(self) -> bool:
+        """Whether the world stands still, as the server told last."""
+        return bool(self.scene and self.scene.clock.get("paused"))
 
     @property
     def time(self) -> float:
@@ -317,12 +319,10 @@ class Station:
     def take(self, driven: Driven, value: Value) -> None:
         """A robot of ours has said something that counts now."""
         now = self.now
-        for change in driven.telemetry.feed(value, self.world_clock):
+        for change in driven.telemetry.feed(value, self.world.time):
             self.event(driven.name, change.kind, change.value)
             if change.kind == "bumper" and driven.telemetry.bumpers[getattr(value, "name", "")]:
-                self.alarms.see(
-                    driven.name, "collision", True, "a bumper is pressed", self.time, now
-                )
+                self.alarms.see(driven.name, "collision", True, "a bumper is pressed", self.time)
         if isinstance(value, reports.MissionState):
             driven.mounts.moved(value)
         if isinstance(value, readings.LaserScan) and not driven.clouds.nods(value.name):
@@ -369,7 +369,7 @@ class Station:
         self.end_move(driven, "aborted", why)
 
     def _poses(self, poses: Poses) -> None:
-        self.truth.take(poses, self.world_clock)
+        self.truth.take(poses, self.world.time)
         self._shows.poses(poses)
         present = None if self.scene is None else self.scene.present
         for driven in self.robots.values():
@@ -380,7 +380,13 @@ class Station:
                     self._follow(driven, place, turned[2], poses.time)
 
     def _told(self, message: Message) -> None:
-        """Interventions are kept, lines shown."""
+        """Interventions are kept, lines shown; the clock says how fast reports grow old."""
+        if message["type"] == "clock":
+            speed = message.get("speed")
+            slowed = 1.0 if speed is None else min(1.0, float(speed))
+            held = self.paused and self.lockstep is None
+            self.world.go_at(0.0 if held else slowed if self.lockstep is None else 1.0)
+            return
         if message["type"] == "lines":
             self._shows.lines(message)
             return

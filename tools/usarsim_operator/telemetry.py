@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from usarsim_client import readings, reports
 from usarsim_client.decoder import Value
 from usarsim_client.reports import ItemGeometry
+from usarsim_operator.world_clock import age
 
 STALE = 1.0
 """s of age from which on a datum must not look alive."""
@@ -27,7 +28,7 @@ Pose = tuple[float, float, float, float, float, float]
 
 @dataclass(slots=True)
 class Heard:
-    """A sensor: when it was heard last (s of the gateway's clock), and how often it reports."""
+    """A sensor: when it was heard last (s of the world's clock), and how often it reports."""
 
     type: str
     last: float
@@ -37,6 +38,10 @@ class Heard:
     def patience(self) -> float:
         """s after which it is stale; rare ones have two and a half of their periods."""
         return max(STALE, 2.5 * self.period)
+
+    def stale(self, now: float) -> bool:
+        """Whether it has not reported for too long."""
+        return age(self.last, now) > self.patience
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +128,7 @@ class Telemetry:
             if len(self.sensors) < 256:
                 self.sensors[name] = Heard(kind, now)
         else:
-            passed = min(now - heard.last, 10.0)
+            passed = min(age(heard.last, now), 10.0)
             heard.period += 0.2 * (passed - heard.period) if heard.period else passed
             heard.last = now
 
@@ -227,11 +232,11 @@ class Telemetry:
 
     def pose_age(self, now: float) -> float:
         """s since the pose came."""
-        return min(now - self._posed, 1e6)
+        return age(self._posed, now)
 
     def scan_age(self, now: float) -> float | None:
         """s since a scanner or range camera reported; None if there is none."""
-        ages = [now - self.sensors[name].last for name in self._scanned if name in self.sensors]
+        ages = [age(self.sensors[name].last, now) for name in self._scanned if name in self.sensors]
         return round(min(ages), 3) if ages else None
 
     def places_scans(self, now: float) -> bool:
@@ -251,12 +256,12 @@ class Telemetry:
 
     def link(self, now: float) -> str:
         """How the connection is: good, weak or lost."""
-        age = now - self.last
-        return "good" if age < _WEAK else "weak" if age < STALE else "lost"
+        silent = age(self.last, now)
+        return "good" if silent < _WEAK else "weak" if silent < STALE else "lost"
 
     def stale(self, now: float) -> list[str]:
         """Names of sensors that have not reported for too long."""
-        return [name for name, one in self.sensors.items() if now - one.last > one.patience]
+        return [name for name, one in self.sensors.items() if one.stale(now)]
 
     def sensor_rows(self, now: float) -> list[dict[str, object]]:
         """Sensors as `state` tells them."""
@@ -264,8 +269,8 @@ class Telemetry:
             {
                 "name": name,
                 "type": one.type,
-                "age": round(now - one.last, 3),
-                "stale": now - one.last > one.patience,
+                "age": round(age(one.last, now), 3),
+                "stale": one.stale(now),
                 "rate_hz": round(1.0 / one.period, 1) if one.period > 1e-3 else 0.0,
             }
             for name, one in self.sensors.items()

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from usarsim_client import frames
 from usarsim_client.scene import Poses, Present
+from usarsim_operator.world_clock import age
 from usarsim_server.protocol.values import Vector
 
 SOURCE = "Truth"
@@ -41,7 +42,7 @@ class Truth:
         self._seen: dict[str, _Seen] = {}
 
     def take(self, poses: Poses, clock: float) -> None:
-        """Keep poses; clock: s of the gateway's clock of the world."""
+        """Keep poses; clock: s of the world's clock."""
         self.time, self._poses, self._came = poses.time, poses, clock
 
     def forget(self, robot: str) -> None:
@@ -52,7 +53,7 @@ class Truth:
         """What `state` says of where a robot is; None if it is not known.
 
         Args:
-            robot: its name. present: who is there. clock: s of the gateway's clock of the world.
+            robot: its name. present: who is there. clock: s of the world's clock.
         """
         poses = self._poses
         if poses is None or present is None or poses.generation != present.generation:
@@ -64,7 +65,7 @@ class Truth:
         return {
             "pose": [round(part, 4) for part in (*place, *turned)],
             "pose_source": SOURCE,
-            "pose_age": round(clock - self._came, 3),
+            "pose_age": round(age(self._came, clock), 3),
             "speed": round(self._speed(robot, place, poses.time), 3),
         }
 

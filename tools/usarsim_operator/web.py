@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from socket import IPPROTO_TCP, TCP_NOTSENT_LOWAT
@@ -156,7 +157,8 @@ class Web:
                     found = self.tokens.seat(request.fields.get("token"))
                     if request.type == "hello" and found is not None:
                         role, seat = found
-                        name, plan = request.fields["name"], station.settings.impairment
+                        plan = station.settings.impairment
+                        name = request.fields.get("name") or self._name(role, seat)
                         link = None
                         if plan is not None:
                             link = ImpairedLink(socket, plan.of(name), name)
@@ -193,6 +195,12 @@ class Web:
             lost.displaced = True
             lost.end()
 
+    def _name(self, role: Role, seat: int) -> str:
+        """Of a page that says none: its role, and the least free number from its seat on."""
+        taken = {page.name for page in (*self._places, *self._station.pages.values())}
+        names = (f"{role.value} {number}" for number in itertools.count(max(1, seat)))
+        return next(name for name in names if name not in taken)
+
     def _welcome(self, page: Page) -> dict[str, object]:
         station = self._station
         features = dict(station.scene.features) if station.scene else {}
@@ -205,6 +213,7 @@ class Web:
         return {
             "type": "welcome",
             "page": page.id,
+            "name": page.name,
             "role": page.role.value,
             "seat": page.seat,
             "device": station.settings.allowance.device if page.seat else "any",

@@ -41,6 +41,8 @@ SILENCE = 0.5
 """s of wall time without a word of its holder after which a robot that moves is stopped."""
 TICK = 1.0
 """s of wall time between two messages of the clock."""
+LOOK = 0.05
+"""s of wall time after which a clock that stands is told at the latest, as after a step."""
 LONGEST_LINE, LONGEST_NAME = 4096, 64
 LONGEST_STEP = 3600.0
 """Simulated s."""
@@ -168,13 +170,14 @@ class _Hub:
 
 
 class Clock:
-    """Tells one client of the clock: when it changes, and once a second."""
+    """Tells one client of the clock: when it changes, stops or goes on, and once a second."""
 
     def __init__(self, supervisor: Supervisor, subscriber: Subscriber) -> None:
         self._supervisor, self._subscriber = supervisor, subscriber
         self._loop = asyncio.get_running_loop()
         self._waiting = True
-        self._alarm = self._loop.call_later(TICK, self._tick)
+        self._alarm = self._loop.call_later(LOOK, self._tick)
+        self._due, self._stood = self._loop.time() + TICK, False
         self._then = self._loop.time(), supervisor.simulation.now
         supervisor.clocks.add(self)
 
@@ -184,8 +187,11 @@ class Clock:
         self._subscriber.wake()
 
     def _tick(self) -> None:
-        self._alarm = self._loop.call_later(TICK, self._tick)
-        self.changed()
+        self._alarm = self._loop.call_later(LOOK, self._tick)
+        now = self._loop.time()
+        if now >= self._due or self._supervisor.simulation.paused != self._stood:
+            self._due = now + TICK
+            self.changed()
 
     def take(self) -> bytes | None:
         """See `Subscription`."""
@@ -197,12 +203,12 @@ class Clock:
         factor = (time - before) / (now - wall) if now - wall > TICK / 2 else None
         if factor is not None:
             self._then = now, time
-        speed = simulation.speed
+        speed, self._stood = simulation.speed, simulation.paused
         return message(
             {
                 "type": "clock",
                 "time": round(time, 3),
-                "paused": simulation.paused,
+                "paused": self._stood,
                 "speed": None if math.isinf(speed) else speed,
                 "real_time_factor": None if factor is None else round(factor, 3),
             }

@@ -247,7 +247,7 @@ class CarController(SteeredController):
         first = self._steering.wheels[0].radius
         treads = [abs(ratio) * wheel.radius / first for wheel, ratio in pairs if wheel.driven]
         highest = self._limit / max(treads)
-        self.body.drive(driven * max(-highest, min(highest, self._speed)))
+        self.body.drive(driven * within("Speed in this turn", self._speed, -highest, highest))
         self.body.command_joints(
             {
                 wheel.joint: JointOrder(Order.POSITION, wheel.sense * angle)

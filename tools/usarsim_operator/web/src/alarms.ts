@@ -21,7 +21,7 @@ const SIGNS = { 1: "○", 2: "△", 3: "■" };
 
 export function alarmList(store: Store, link: Link): HTMLElement {
   const list = h("ol", { class: "alarms", "data-alarms": true, "aria-live": "polite" });
-  const more = h("p", { class: "quiet", "data-alarms-hidden": true });
+  const more = h("p", { class: "quiet", "data-alarms-hidden": true }, "no news yet");
   const all = button("Acknowledge", "acknowledge", () => acknowledgeFirst(store, link));
   const named = (): void => {
     all.title = store.keys.of("acknowledge");
@@ -78,7 +78,8 @@ export function acknowledgeFirst(store: Store, link: Link): void {
 export const STATUSES = ["unknown", "alive", "unconscious", "dead"];
 
 export function markList(store: Store, link: Link, edit: (id: number) => void): HTMLElement {
-  const list = h("ol", { class: "marks", "data-marks": true });
+  const early = h("li", { class: "quiet" }, "no news yet");
+  const list = h("ol", { class: "marks", "data-marks": true }, early);
   const element = panel("marks", "Victims marked", [], list);
   let before = "";
   store.on("bindings", () => {

@@ -3,43 +3,40 @@
 
 import uPlot from "uplot";
 import { button, colour, h, mark, panel, rem, robotColour, say } from "./dom";
+import { agoText } from "./staleness";
 import type { Sample, Store } from "./store";
+import { emptyNote, waitText } from "./waiting";
 
 interface Series {
   name: string;
-  unit: string;
   range: (low: number, high: number) => [number, number];
   of: (s: Sample) => number | null;
-  digits: number;
+  text: (value: number) => string;
 }
 
 const SPEED: Series = {
   name: "Speed",
-  unit: "m/s",
   range: (low, high) => [Math.min(0, low), Math.max(0.5, high)],
   of: (s) => s.speed,
-  digits: 2,
+  text: (speed) => `${speed.toFixed(2)} m/s`,
 };
 const BATTERY: Series = {
   name: "Battery",
-  unit: "%",
   range: () => [0, 100],
   of: (s) => (s.battery === null ? null : 100 * s.battery),
-  digits: 0,
+  text: (share) => `${share.toFixed(0)} %`,
 };
 const SIGNAL: Series = {
   name: "Signal",
-  unit: "dBm",
   range: () => [-100, -20],
   of: (s) => s.signal,
-  digits: 0,
+  text: (dbm) => `${dbm.toFixed(0)} dBm`,
 };
 const SILENCE: Series = {
   name: "Last heard",
-  unit: "s ago",
   range: (_low, high) => [0, Math.max(1, high)],
   of: (s) => s.age,
-  digits: 1,
+  text: agoText,
 };
 /** Height of the axis of time, px of a rem of 16. */
 const AXIS = 18;
@@ -69,7 +66,7 @@ export function charts(store: Store, linesButton: HTMLElement): HTMLElement {
       plot.setData([times, samples.map(series.of)]);
       const last = samples.at(-1);
       const now = last ? series.of(last) : null;
-      say(value, now === null ? "unknown" : `${now.toFixed(series.digits)} ${series.unit}`);
+      say(value, now === null ? "unknown" : series.text(now));
     }
   };
   const make = (): void => {
@@ -106,7 +103,10 @@ export function charts(store: Store, linesButton: HTMLElement): HTMLElement {
     if (made[2] && made[2].series !== chosen()[2]) make();
     else fill();
   });
-  return panel("details", "Last two minutes", [linesButton], box);
+  const none = emptyNote(store, (now) =>
+    recent().length > 0 ? "" : waitText(store, `report of ${store.selected}`, now),
+  );
+  return panel("details", "Last two minutes", [linesButton], none, box);
 }
 
 function options(

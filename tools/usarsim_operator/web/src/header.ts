@@ -81,7 +81,7 @@ export function header(store: Store, link: Link, openKeys: () => void): HTMLElem
 function whoText({ welcome }: Store, link: Link): string {
   if (!welcome) return "";
   const late = welcome.delay_s ? `, ${welcome.delay_s} s late` : "";
-  return `${link.named ? `${link.name} · ` : ""}${welcome.role}${late}`;
+  return `${link.name}${link.named ? ` · ${welcome.role}` : ""}${late}`;
 }
 
 /** There and back in ms, and what is lost where that matters. */

@@ -6,6 +6,7 @@ import type { Link } from "./link";
 import { beamAngle, type Scan, scanPoints, type Vector } from "./protocol";
 import { ageText, isStale, LOOK_MS } from "./staleness";
 import { pageTime, type Store } from "./store";
+import { newsText, waitText } from "./waiting";
 
 type View = "flat" | "strips" | "points";
 
@@ -87,15 +88,19 @@ export function laser(store: Store, link: Link, first: View = "flat"): HTMLEleme
     say(age, on && Number.isFinite(old) ? ageText(old) : "");
     say(
       note,
-      !robot?.laser
-        ? "no laser"
-        : !on
-          ? "laser off"
-          : scan || cloud
-            ? isStale(old)
-              ? "frozen"
-              : ""
-            : "no scan yet",
+      !robot
+        ? newsText(store, now)
+        : !robot.laser
+          ? robot.learned === false || store.state?.paused
+            ? waitText(store, `scan of ${robot.name}`, now)
+            : "no laser has reported"
+          : !on
+            ? "laser off"
+            : scan || cloud
+              ? isStale(old)
+                ? "frozen"
+                : ""
+              : waitText(store, `scan of ${robot.name}`, now),
     );
     const g = surface.clear();
     if (!robot?.laser || !on || surface.width < 40 || surface.height < 40) return;

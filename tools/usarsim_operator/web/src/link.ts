@@ -19,7 +19,6 @@ const TAKE_WITHIN_MS = 12_000;
 
 export class Link {
   private socket: WebSocket | null = null;
-  private readonly anybody = `page ${Math.floor(1000 * Math.random())}`;
   private nextId = 1;
   private wait = 0.25;
   private again = 0;
@@ -40,11 +39,11 @@ export class Link {
 
   /** Whether somebody said who this is. */
   get named(): boolean {
-    return this.given !== null;
+    return !!this.given;
   }
 
   get name(): string {
-    return this.given ?? this.anybody;
+    return this.given || (this.store.welcome?.name ?? "");
   }
 
   /** Says hello once more, by another name: what this page held is free then. */
@@ -69,7 +68,7 @@ export class Link {
     socket.onopen = () => {
       this.shown = this.told = 0;
       const token = this.token;
-      const name = this.name;
+      const name = this.given || undefined;
       // Who cannot draw the world itself is sent a picture of it.
       const { webgl } = graphics();
       socket.send(
@@ -131,8 +130,11 @@ export class Link {
         store.addLines(text.robot, text.rows, text.lost ?? 0);
         break;
       case "answer":
-        this.pending.get(text.id)?.(text);
-        this.pending.delete(text.id);
+        if (text.id === null && text.ok) this.tellWhy(text);
+        else if (text.id !== null) {
+          this.pending.get(text.id)?.(text);
+          this.pending.delete(text.id);
+        }
         break;
       case "event":
       case "asked":
@@ -156,6 +158,7 @@ export class Link {
 
   private welcomed(welcome: Welcome): void {
     this.store.welcome = welcome;
+    this.store.welcomed = pageTime();
     this.store.connected = true;
     this.store.rounds.clear();
     this.store.losses.clear();
@@ -195,11 +198,15 @@ export class Link {
     });
   }
 
+  /** Shows why something was refused, or done in another way than was asked. */
+  private tellWhy({ ok, why }: Answer, what = ""): void {
+    if (!ok || why) this.store.tell("notice", `${what}${why || "refused"}`);
+  }
+
   /** Asks, and shows the reason where the answer is no. */
   async request(text: { type: string; [key: string]: unknown }): Promise<boolean> {
     const answer = await this.ask(text);
-    if (!answer.ok)
-      this.store.tell("notice", `${text.type.replace("_", " ")}: ${answer.why ?? "refused"}`);
+    this.tellWhy(answer, `${text.type.replace("_", " ")}: `);
     return answer.ok;
   }
 }

@@ -6,6 +6,7 @@ import type { Grid, Robot, Vector, Zone } from "./protocol";
 import { LOOK_MS } from "./staleness";
 import type { Store } from "./store";
 import { ZONE_LETTERS } from "./tiles";
+import { emptyNote, waitText } from "./waiting";
 
 const LAYERS = {
   map: "Map",
@@ -53,7 +54,16 @@ export class MapView {
       "map",
       "Map",
       [h("div", { class: "choice", role: "group", "aria-label": "layers" }, ...tools), fit],
-      h("div", { class: "stage" }, canvas),
+      h(
+        "div",
+        { class: "stage" },
+        canvas,
+        emptyNote(store, (now) =>
+          this.grids.size > 0 || store.robots.some((robot) => robot.pose)
+            ? ""
+            : waitText(store, "scan with a place", now),
+        ),
+      ),
     );
     canvas.addEventListener("pointermove", (event) => {
       if (event.buttons === 0) return;

@@ -38,6 +38,8 @@ export interface Robot {
   battery: number | null;
   light: boolean;
   enabled: boolean;
+  /** It has answered what it is and carries; absent: yes. */
+  learned?: boolean;
   /** Nobody can enable it before it has recovered. */
   failed?: boolean;
   /** The operator whose robot it is in a trial; null: everybody's. */
@@ -121,6 +123,8 @@ export interface State {
 export interface Welcome {
   type: "welcome";
   page: number;
+  /** By which others know this page: what it said, else its role and a number. */
+  name: string;
   role: Role;
   server: { address: string; level: string; software: string };
   features: { scene: boolean; takeover: boolean; pace: boolean; lines: boolean };
@@ -152,7 +156,7 @@ export type Text =
   | { type: "event"; robot: string; kind: string; value: unknown; time: number }
   | { type: "asked"; robot: string; page: number; name: string }
   | { type: "lines"; robot: string; rows: LineRow[]; lost?: number }
-  | { type: "answer"; id: number; ok: boolean; why?: string };
+  | { type: "answer"; id: number | null; ok: boolean; why?: string };
 
 export interface Head {
   robot: number;

@@ -8,6 +8,7 @@ import type { Robot } from "./protocol";
 import { ageText, isStale, LOOK_MS } from "./staleness";
 import { pageTime, type Store } from "./store";
 import { ring, ZONE_LETTERS } from "./tiles";
+import { emptyNote, newsText, waitText } from "./waiting";
 
 const SOURCES: Record<string, string> = {
   GroundTruth: "truth",
@@ -27,7 +28,8 @@ export function robotList(store: Store): HTMLElement {
     "aria-label": "Robots",
     tabindex: "0",
   });
-  const element = panel("robots", "Robots", [], list);
+  const none = emptyNote(store, (now) => newsText(store, now));
+  const element = panel("robots", "Robots", [], list, none);
   const rows = new Map<string, HTMLElement>();
   list.addEventListener("keydown", (event) => {
     const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
@@ -178,6 +180,11 @@ export function robotCard(store: Store, link: Link): HTMLElement {
       plan,
     ),
     sensors,
+    emptyNote(store, (now) => {
+      const { robot } = store;
+      if (!robot || robot.sensors.length > 0) return newsText(store, now);
+      return waitText(store, `report of ${robot.name}`, now);
+    }),
     more(store, link),
   );
   fields.battery?.after(h("dd", {}, meter));

@@ -2,6 +2,8 @@
 // clock, so that frozen input grows stale by itself. Pure: page time comes in as a number (s).
 
 export const STALE_S = 1;
+/** What a gateway tells of something that never came. */
+const NEVER_S = 1e6;
 /** Between two looks at ages: what is older than that shows so within 1.2 s. */
 export const LOOK_MS = 190;
 
@@ -32,7 +34,7 @@ export class Ages {
 
   /** Age now of something that was `reported` s old in the last state text. */
   ofReport(reported: number, now: number): number {
-    return reported + Math.max(0, this.silence(now));
+    return ageOf(reported) + Math.max(0, this.silence(now));
   }
 
   /** Age now of something stamped with a simulated time, at least the silence of the gateway beyond 0.5 s. */
@@ -55,10 +57,21 @@ export function isStale(age: number): boolean {
   return !(age <= STALE_S);
 }
 
-/** An age for people: `0.1 s`, `12 s`, `3 min`. */
-export function ageText(age: number): string {
+/** What no age is below or beyond: s, 0 where a clock is behind; infinity for never. */
+export function ageOf(age: number): number {
+  return age >= NEVER_S || Number.isNaN(age) ? Number.POSITIVE_INFINITY : Math.max(0, age);
+}
+
+/** How long ago, for people: `0.1 s ago`, `never`. */
+export function agoText(age: number): string {
+  return Number.isFinite(ageOf(age)) ? `${ageText(age)} ago` : "never";
+}
+
+/** An age for people: `0.1 s`, `12 s`, `3 min`; `–` of what never was. */
+export function ageText(told: number): string {
+  const age = ageOf(told);
   if (!Number.isFinite(age)) return "–";
-  if (age < 9.95) return `${Math.max(0, age).toFixed(1)} s`;
+  if (age < 9.95) return `${age.toFixed(1)} s`;
   return age < 120 ? `${Math.round(age)} s` : `${Math.round(age / 60)} min`;
 }
 

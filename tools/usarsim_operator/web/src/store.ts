@@ -17,7 +17,7 @@ import {
   type State,
   type Welcome,
 } from "./protocol";
-import { Ages, isStale } from "./staleness";
+import { Ages, ageOf, isStale } from "./staleness";
 
 export type Topic =
   | "link"
@@ -54,8 +54,8 @@ export interface Sample {
   speed: number;
   battery: number | null;
   signal: number | null;
-  /** s since the robot was heard. */
-  age: number;
+  /** s since the robot was heard; null: never. */
+  age: number | null;
 }
 
 const MOST_LINES = 500;
@@ -76,6 +76,8 @@ export class Store {
   readonly rounds = new Rounds();
   readonly losses = new Losses();
   welcome: Welcome | null = null;
+  /** Page time of the last `welcome`, s. */
+  welcomed = Number.NEGATIVE_INFINITY;
   state: State | null = null;
   selected = "";
   readonly slots = new Map<number, Slots>();
@@ -160,7 +162,9 @@ export class Store {
     if (last && time < last.time) samples.length = 0;
     else if (last && time - last.time < 0.19) return;
     const { speed, battery } = robot;
-    samples.push({ time, speed, battery, signal: robot.link.signal_dbm, age: robot.link.age });
+    const silent = ageOf(robot.link.age);
+    const age = Number.isFinite(silent) ? silent : null;
+    samples.push({ time, speed, battery, signal: robot.link.signal_dbm, age });
     if (samples.length > MOST_SAMPLES) samples.splice(0, samples.length - MOST_SAMPLES);
   }
 

@@ -7,6 +7,7 @@ import type { Link } from "./link";
 import type { Robot } from "./protocol";
 import { ageText, isStale, LOOK_MS } from "./staleness";
 import { pageTime, type Store } from "./store";
+import { emptyNote, newsText, waitText } from "./waiting";
 
 export const ZONE_LETTERS: Record<string, string> = {
   yellow: "Y",
@@ -56,7 +57,7 @@ class Tile {
     flat(this.canvas)?.drawImage(image, 0, 0);
   }
 
-  update(robot: Robot, age: number, selected: boolean, silent: boolean): void {
+  update(robot: Robot, age: number, selected: boolean, silent: boolean, waits: string): void {
     const on = robot.camera?.on ?? false;
     const never = !Number.isFinite(age);
     const stale = isStale(age) || silent;
@@ -74,11 +75,13 @@ class Tile {
     say(
       this.note,
       !robot.camera
-        ? "no camera"
+        ? robot.learned === false
+          ? "asking what it carries"
+          : "no camera"
         : !on
           ? "camera off"
           : never
-            ? "no picture yet"
+            ? waits
             : lost
               ? "link lost"
               : stale
@@ -155,7 +158,8 @@ export function tiles(store: Store, link: Link, markAt: (column: number) => void
     strip,
   );
   const team = h("div", { class: "team", "data-team": true });
-  strip.append(team);
+  const none = emptyNote(store, (now) => newsText(store, now));
+  strip.append(team, none);
   const arrange = (): void => {
     const side = Math.max(1, store.robots.length - 1);
     const few = [5, 4, 3].find((c) => side % c === 0) ?? Math.min(5, side);
@@ -170,7 +174,7 @@ export function tiles(store: Store, link: Link, markAt: (column: number) => void
     strip.style.setProperty("--columns", String(columns));
     strip.style.setProperty("--cell", `${Math.floor(cell) - rem(GAP)}px`);
     mark(strip, "data-small", cell < rem(130));
-    team.hidden = spare === 0;
+    team.hidden = spare === 0 || store.robots.length === 0;
     team.style.gridArea = `${rows - spare + 1} / ${columns} / ${rows + 1} / ${columns + 1}`;
     teamText(team, store, spare * cell > rem(120));
   };
@@ -199,7 +203,8 @@ export function tiles(store: Store, link: Link, markAt: (column: number) => void
       const age = picture
         ? store.ages.ofDatum(picture.time, robot.camera?.age ?? 0, now)
         : Number.POSITIVE_INFINITY;
-      tile.update(robot, age, robot.name === store.selected, silent);
+      const waits = waitText(store, `picture of ${robot.name}`, now);
+      tile.update(robot, age, robot.name === store.selected, silent, waits);
     }
     const camera = store.robot?.camera;
     toggle.disabled = !camera;

@@ -3,7 +3,7 @@
 
 import * as THREE from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
-import { choice, colour, h, mark, panel, say } from "./dom";
+import { choice, colour, h, mark, panel } from "./dom";
 import { graphics } from "./gl";
 import { FramePace } from "./pace";
 import { type Message, SPECTATOR } from "./protocol";
@@ -11,6 +11,7 @@ import { Labels, matrixOf, Reports } from "./reports";
 import { type SceneData, type SceneFile, World } from "./scene";
 import { isStale, LOOK_MS } from "./staleness";
 import { pageTime, type Store } from "./store";
+import { emptyNote, newsText, waitText } from "./waiting";
 
 type Mode = "orbit" | "follow" | "first";
 type Poses = Extract<Message, { kind: "poses" }>;
@@ -26,7 +27,7 @@ export class View3D {
   private readonly reports: Reports;
   private readonly labels = new Labels();
   private readonly canvas = h("canvas", { role: "img", "aria-label": "3D view", tabindex: "0" });
-  private readonly note = h("p", { class: "empty" });
+  private readonly note: HTMLElement;
   // Where the processors draw, input and pictures need them, too.
   private readonly pace = new FramePace(graphics().software ? 1 / 12 : 1 / 30);
   private readonly scene = new THREE.Scene();
@@ -45,6 +46,7 @@ export class View3D {
   private ratio = 0;
   private asked = -1;
   private placed = false;
+  private lost = false;
   private box: SceneData | null = null;
   private heard = Number.NEGATIVE_INFINITY;
   private readonly followed = new THREE.Vector3();
@@ -66,6 +68,7 @@ export class View3D {
         this.draw();
       },
     );
+    this.note = emptyNote(store, (now) => this.missing(now));
     this.element = panel(
       "view3d",
       "3D",
@@ -97,6 +100,22 @@ export class View3D {
 
   private get truth(): boolean {
     return this.element.dataset.source === "scene";
+  }
+
+  /** Why there is nothing to be seen. */
+  private missing(now: number): string {
+    const { store } = this;
+    if (!graphics().webgl || this.lost) {
+      const flat = store.slot(SPECTATOR).picture;
+      return flat
+        ? ""
+        : newsText(store, now) || "no WebGL here: a picture by the server, if it has one";
+    }
+    if (!this.truth) {
+      const known = store.robots.some((robot) => robot.pose) || store.slot(SPECTATOR).map;
+      return known ? "" : waitText(store, "report of a place", now);
+    }
+    return this.placed ? "" : waitText(store, "view of the world", now);
   }
 
   private start(): void {
@@ -138,8 +157,8 @@ export class View3D {
 
   private withoutWebGL(): void {
     this.renderer = null;
+    this.lost = true;
     mark(this.element, "data-webgl", false);
-    say(this.note, "no WebGL here: a picture by the server, if it has one");
     const flat = h("canvas", {
       role: "img",
       "aria-label": "the world, drawn by the server",
@@ -152,7 +171,6 @@ export class View3D {
       flat.width = image.width;
       flat.height = image.height;
       flat.getContext("2d")?.drawImage(image, 0, 0);
-      say(this.note, "");
     });
   }
 

@@ -11,7 +11,7 @@ import { flippersOf } from "../src/more";
 import { FramePace } from "../src/pace";
 import { type Alarm, beamAngle, decode, rotate, scanPoints, toWorld } from "../src/protocol";
 import { pieces } from "../src/shapes";
-import { Ages, ageText, clockText, isStale } from "../src/staleness";
+import { Ages, ageText, agoText, clockText, isStale } from "../src/staleness";
 
 function message(kind: number, rest: (view: DataView) => void, size: number): ArrayBuffer {
   const view = new DataView(new ArrayBuffer(16 + size));
@@ -137,6 +137,12 @@ test("CON-20: the clock follows simulated time at any pace, and stands while pau
   assert.equal(clockText(3725), "1:02:05");
   assert.equal(clockText(65.9), "01:05");
   assert.equal(ageText(-0.04), "0.0 s", "never a sign");
+  assert.equal(ageText(-15.7), "0.0 s");
+  assert.equal(ageText(1e6), "–", "what never came has no age");
+  assert.equal(agoText(-15.7), "0.0 s ago");
+  assert.equal(agoText(200), "3 min ago");
+  assert.equal(agoText(1e6), "never");
+  assert.equal(ages.ofReport(-9, 1), 0);
   assert.equal(ageText(0.14), "0.1 s");
 });
 
