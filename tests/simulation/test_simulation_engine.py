@@ -230,6 +230,14 @@ class TestSleep:
         run(engine, 2.0)
         assert engine.data.ntree_awake == 0
 
+    @pytest.mark.parametrize("speed", [0.0, 5e-324, -1e-310, 1e-30, -9e-7])
+    def test_a_speed_that_moves_nothing_lets_sleep(self, speed: float) -> None:
+        """A command of nearly nothing costs no more than that of nothing."""
+        engine = engine_with((0.0, 0.0))
+        engine.drive(0, straight(speed))
+        run(engine, 2.0)
+        assert engine.data.ntree_awake == 0
+
     def test_drive_wakes(self) -> None:
         """A sleeping robot obeys the next command, and only it wakes."""
         engine = engine_with((0.0, 0.0), (5.0, 0.0))

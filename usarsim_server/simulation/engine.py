@@ -31,6 +31,9 @@ from usarsim_server.simulation.sleep import inherit_sleep
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.simulation.splice import FixedPart
 
+LEAST_COMMAND = 1e-6
+"""rad/s or m/s below which a robot is told to stand: what is told to move never sleeps."""
+
 Array = NDArray[np.float64]
 
 _log = Log("simulation")
@@ -219,7 +222,7 @@ class Engine:
         slot = self._active.get(robot)
         if slot is None:
             return
-        self.parts.wheels.command(slot, targets)
+        self.parts.wheels.command(slot, _felt(targets))
         self._note_driven(slot)
         self.parts.sleep.wake(slot, self.data)
 
@@ -248,7 +251,7 @@ class Engine:
         """
         slot = self._active.get(robot)
         if slot is not None:
-            self.parts.laws.command(slot, values)
+            self.parts.laws.command(slot, _felt(values))
             self._note_driven(slot)
             self.parts.sleep.wake(slot, self.data)
 
@@ -435,6 +438,11 @@ class Engine:
         """Bring the poses of all bodies up to date."""
         self.parts.moving.apply(self.data, self.data.time)
         mujoco.mj_kinematics(self.world.model, self.data)
+
+
+def _felt(command: Array) -> Array:
+    """A command without what is too small to move anything; NaN stays."""
+    return np.where(np.abs(command) < LEAST_COMMAND, 0.0, command)
 
 
 def _finite(coordinates: Array) -> Array:
