@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import re
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -169,6 +172,30 @@ class TestExport:
             tables.read(tmp_path)
 
 
+class Killed(BaseException):
+    """The process ends here."""
+
+
+def cut_off(patch: pytest.MonkeyPatch, steps: int) -> None:
+    """End the process at the call after so many that change files."""
+    left = steps
+
+    def counted(call: Callable[..., object]) -> Callable[..., object]:
+        def instead(*args: object, **named: object) -> object:
+            nonlocal left
+            if left == 0:
+                raise Killed
+            left -= 1
+            return call(*args, **named)
+
+        return instead
+
+    for name in ("unlink", "rmdir", "replace", "rename"):
+        patch.setattr(os, name, counted(getattr(os, name)))
+    for name in ("touch", "write_bytes", "unlink", "rmdir"):
+        patch.setattr(Path, name, counted(getattr(Path, name)))
+
+
 class TestPrivacy:
     """HRI-16."""
 
@@ -185,6 +212,34 @@ class TestPrivacy:
         assert len(tables.read(tmp_path / "data").participants) == 3
         assert StudyFolder(tmp_path).admit("2026-01-16").number == 5
         assert cli.main(["study", "forget", str(tmp_path), code]) == 2
+
+    def test_forget_is_finished_by_another(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Cut off before any of its changes of files, it leaves the participant to be named again;
+        then nothing is left, and the others are exported."""
+        folder = make_study(tmp_path / "whole", Plan(4))
+        code = folder.participants()[1].code
+        assert cli.main(["study", "export", str(folder.path)]) == 0
+        assert cli.main(["study", "report", str(folder.path)]) == 0
+        steps = 0
+        while True:
+            path = tmp_path / f"cut-{steps}"
+            shutil.copytree(folder.path, path)
+            with monkeypatch.context() as patch:
+                cut_off(patch, steps)
+                try:
+                    assert cli.main(["study", "forget", str(path), code]) == 0
+                    break
+                except Killed:
+                    pass
+            assert cli.main(["study", "forget", str(path), code]) == 0, f"after step {steps}"
+            for one in path.rglob("*"):
+                assert code not in one.name
+                assert not one.is_file() or code.encode() not in one.read_bytes()
+            assert len(tables.read(path / "data").participants) == 3
+            steps += 1
+        assert steps > 20
 
     def test_no_clock_and_no_machine(self, made: StudyFolder) -> None:
         """No file holds a time of day, an address or a host's name."""

@@ -7,6 +7,7 @@
     participants/CODE/forms.jsonl         records `form` of before and after, see `forms.FormState`
     participants/CODE/steps.jsonl         what else is done: {"passed", "seat"}
     participants/CODE/training-1/         like a trial
+    participants/CODE/forgotten           is being removed, and counts no more
     participants/CODE/trial-1/            a run folder, trial.json {"status", "reason"}, and
                                           forms.jsonl with the forms after it; trial-1-2 is the
                                           second attempt, and counts
@@ -41,8 +42,12 @@ from usarsim_study.trial import Record, Trial
 PARTICIPANTS = "participants"
 STEPS = "steps.jsonl"
 CACHE = "measures.json"
-EXPORTS = ("data", "report.html", "report.md", "results.csv", "summary.csv")
-"""What `usarsim study export` and `report` write into the folder."""
+FORGOTTEN = "forgotten"
+"""Stands in the folder of a participant that is being removed."""
+EXPORTS = ("data", "summary.csv")
+"""What `usarsim study export` writes into the folder."""
+REPORTS = ("report.html", "report.md", "results.csv")
+"""What `usarsim study report` writes into the folder."""
 
 Status = Literal["running", "complete", "withdrawn", "excluded"]
 TrialStatus = Literal["running", "complete", "aborted", "void", "missing", "passed", "failed"]
@@ -136,6 +141,8 @@ class StudyFolder:
         """
         found = []
         for path in sorted(self.path.glob(f"{PARTICIPANTS}/*/participant.json")):
+            if (path.parent / FORGOTTEN).exists():
+                continue
             told = _read_json(path)
             try:
                 found.append(Participant(**told))
@@ -180,25 +187,44 @@ class StudyFolder:
         path = self.place(code) / FORMS
         return list(read_lines(path)) if path.exists() else []
 
-    def forget(self, code: str) -> list[Path]:
-        """Remove a participant everywhere; the number stays given away.
+    def forgetting(self, code: str) -> Path:
+        """Begin to remove a participant: from now on nothing here knows of it.
+
+        The folder stays until `forgotten` has removed all else, so that a removal that was cut off
+        can be made again to its end.
 
         Returns:
-            What was removed: the participant's folder, and exports that told of everybody.
+            The participant's folder.
 
         Raises:
             StudyError: there is no such participant.
         """
-        if code not in {one.code for one in self.participants()}:
+        folders = {path.name: path for path in (self.path / PARTICIPANTS).glob("*/")}
+        if code not in folders:
             raise StudyError(f"{self.path}: has no participant {code!r} (see participants/)")
-        removed = [self.place(code)]
-        removed += [self.path / name for name in EXPORTS if (self.path / name).exists()]
-        for path in removed:
-            if path.is_dir():
-                shutil.rmtree(path)
-            else:
-                path.unlink()
-        return removed
+        (folders[code] / FORGOTTEN).touch()
+        return folders[code]
+
+    def forgotten(self, folder: Path) -> None:
+        """Remove what `forgetting` has returned; the number stays given away."""
+        for path in folder.iterdir():
+            if path.name != FORGOTTEN:
+                _remove(path)
+        _remove(folder)
+
+    def drop(self, names: Iterable[str]) -> list[Path]:
+        """Remove these of the files that `EXPORTS` names, or folders; those that were there."""
+        there = [self.path / name for name in names if (self.path / name).exists()]
+        for path in there:
+            _remove(path)
+        return there
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink()
 
 
 def values_of(folder: Path) -> tuple[list[Value], list[Record]]:

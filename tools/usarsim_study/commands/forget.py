@@ -7,7 +7,7 @@ from pathlib import Path
 
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_study.commands.export import export
-from usarsim_study.folder import StudyFolder
+from usarsim_study.folder import EXPORTS, REPORTS, StudyFolder
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -22,18 +22,23 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Remove, and export again what was exported.
+    """Export the others again if there was an export, and remove the participant last.
+
+    A removal that was cut off is made again to its end.
 
     Raises:
         UsarsimError: there is no such participant.
     """
     folder = StudyFolder(arguments.folder)
-    removed = folder.forget(arguments.code)
-    for path in removed:
+    place = folder.forgetting(arguments.code)
+    reports = folder.drop(REPORTS)
+    for path in reports:
         print(f"removed {path}")
-    if any(path.name in ("data", "summary.csv") for path in removed):
+    if any((folder.path / name).exists() for name in EXPORTS):
         export(folder)
         print("exported the others again")
-    if any(path.name.startswith("report") for path in removed):
+    folder.forgotten(place)
+    print(f"removed {place}")
+    if reports:
         print(f"the report is gone: usarsim study report {arguments.folder}")
     return 0
