@@ -85,7 +85,7 @@ def test_attacks_that_are_named_exist_and_all_are_named() -> None:
 
 
 def limit_exists(name: str) -> bool:
-    """Whether it is a setting, an option of `serve`, or a constant of the server."""
+    """Whether it is a setting, an option of `serve`, or a constant of the server or a tool."""
     if name.startswith("--"):
         parser = argparse.ArgumentParser()
         add_parser(parser.add_subparsers())
@@ -95,6 +95,8 @@ def limit_exists(name: str) -> bool:
     if "." not in name:
         return name in SETTINGS
     path, rest = "usarsim_server", name.split(".")
+    if rest[0].startswith("usarsim_"):  # of a tool
+        path = rest.pop(0)
     thing: object = None
     while rest:
         try:
