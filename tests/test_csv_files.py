@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from usarsim_server import csv_files
 from usarsim_server.csv_files import csv_text, parse_csv, read_csv
 from usarsim_server.errors import UsarsimError
 
@@ -92,3 +94,11 @@ def test_texts_come_back(texts: list[str]) -> None:
     written = csv_text(["name", "number"], [[text, 1] for text in texts])
     sheet = parse_csv(written, "t.csv", UsarsimError, "")
     assert [row["name"] for _, row in sheet.rows] == texts
+
+
+def test_tables_are_written_in_one_place() -> None:
+    """No module has a writer of its own, which would let formulas through."""
+    root = Path(csv_files.__file__).parents[1]
+    files = [*root.glob("usarsim_server/**/*.py"), *root.glob("tools/**/*.py")]
+    found = [one for one in files if re.search(r"csv\.(w|DictW)riter\(", one.read_text("utf-8"))]
+    assert [one.name for one in found] == ["csv_files.py"]

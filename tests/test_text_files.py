@@ -18,13 +18,13 @@ from usarsim_mission.match.team import read_team
 from usarsim_mission.scenario.reader import find_mission, read_scenario
 from usarsim_operator.roles import Role
 from usarsim_operator.tokens import kept_tokens
-from usarsim_operator.watch import _token
 from usarsim_record.recording import RecordError
 from usarsim_record.recording import read as read_recording
 from usarsim_server.cli.robot_page import head_comment
 from usarsim_server.errors import UsarsimError
 from usarsim_server.files import data_directory
 from usarsim_server.options import load_settings
+from usarsim_server.private import secret
 from usarsim_server.toml import read_toml
 from usarsim_server.worlds.loader import load_world
 from usarsim_study.assignment import read_allocation
@@ -48,6 +48,12 @@ MRESIM = """\
 1 ComStation 388 298 0 0 60 1000 BaseStation 1 0
 2 Rex 389 298 1.57 20 60 1000 Relay 1 3
 """
+
+
+def token(path: Path) -> object:
+    """A file with one token."""
+    path.chmod(0o600)
+    return secret(str(path))
 
 
 def private(path: Path) -> object:
@@ -74,7 +80,7 @@ FILES: dict[str, tuple[str, Callable[[Path], object]]] = {
         (data_directory("worlds") / "arena" / "world.toml").read_text(encoding="utf-8"),
         world,
     ),
-    "token": ("0123456789abcdef\n", lambda path: _token(str(path))),
+    "token": ("0123456789abcdef\n", token),
     "recording": (RECORDING, read_recording),
     "stored hashes": ('{"environment": {}, "hashes": {}}', Stored.read),
     "list of assignments": ("number,trial,condition,layout\n1,1,a,b\n", read_allocation),

@@ -163,10 +163,14 @@ _RENAME_EXCHANGE = 2
 
 
 @contextlib.contextmanager
-def replacing(path: Path) -> Iterator[BinaryIO]:
+def replacing(path: Path, *, private: bool = False) -> Iterator[BinaryIO]:
     """A file to write to; at the end of the block, if all went well, it becomes that of the path.
 
     What is no regular file (a terminal, a pipe) is written to directly.
+
+    Args:
+        path: of the file.
+        private: others may not read it, whatever it was before.
 
     Raises:
         OSError: it cannot be written; what was there before still is.
@@ -181,10 +185,11 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
             yield file
         return
     fresh = path.with_name(f".new-{secrets.token_hex(8)}")
-    descriptor = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+    descriptor = os.open(fresh, flags, 0o600 if private else 0o666)
     try:
         with os.fdopen(descriptor, "wb") as file:
-            if mode is not None:
+            if mode is not None and not private:
                 os.fchmod(descriptor, stat.S_IMODE(mode))
             yield file
             file.flush()
@@ -197,23 +202,23 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
     _sync(path.parent)
 
 
-def write_bytes(path: Path, data: bytes) -> None:
-    """Replace a file.
+def write_bytes(path: Path, data: bytes, *, private: bool = False) -> None:
+    """Replace a file; see `replacing`.
 
     Raises:
         OSError: see `replacing`.
     """
-    with replacing(path) as file:
+    with replacing(path, private=private) as file:
         file.write(data)
 
 
-def write_text(path: Path, text: str) -> None:
+def write_text(path: Path, text: str, *, private: bool = False) -> None:
     """Replace a file with text in UTF-8, also where paths of other letters stand in it.
 
     Raises:
         OSError: see `replacing`.
     """
-    write_bytes(path, plain(text).encode())
+    write_bytes(path, plain(text).encode(), private=private)
 
 
 def publish_folder(fresh: Path, target: Path) -> None:

@@ -9,11 +9,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from usarsim_server.addresses import bare_host
-from usarsim_server.errors import UsarsimError
+from usarsim_server.errors import UsarsimError, problem_and_advice
 from usarsim_server.files import is_folder, is_regular, named
+from usarsim_server.private import read_secret
 from usarsim_server.protocol.images import IMAGE_TYPES, ImageType
 from usarsim_server.tables import Table
-from usarsim_server.toml import read_text
 
 
 def host(table: Table, key: str) -> str:
@@ -103,9 +103,7 @@ def secret(table: Table, key: str) -> str:
     if not is_regular(place):
         return text
     try:
-        found = read_text(place, UsarsimError).strip()
+        return read_secret(place)
     except UsarsimError as error:
-        raise table.error(key, f"{error}", "write another file") from None
-    if not found:
-        raise table.error(key, f"{place} is empty", "write some text into it")
-    return found
+        problem, cure = problem_and_advice(str(error))
+        raise table.error(key, problem, cure or "name another file") from None

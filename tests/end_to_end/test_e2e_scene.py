@@ -416,6 +416,7 @@ def test_the_token_may_stand_in_a_file(tmp_path: Path) -> None:
     """A text, or the name of a file; a file must hold something."""
     file = tmp_path / "token"
     file.write_text("from a file\n")
+    file.chmod(0o600)
     assert load_settings({"scene_token": "a text"}).scene_token == "a text"
     assert load_settings({"scene_token": str(file)}).scene_token == "from a file"
     file.write_text("\n")

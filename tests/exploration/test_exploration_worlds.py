@@ -78,13 +78,9 @@ def test_a_small_map_stands_in_the_middle(tmp_path: Path) -> None:
 def test_a_map_that_is_too_large(tmp_path: Path) -> None:
     """E-05: both sizes are named; the limit can be set."""
     path = painted(tmp_path / "map.png", np.full((10, 801), 255, np.uint8))
-    with pytest.raises(
-        WorldError, match=r"801 x 10 cells are more than 800 x 600 \(leave `compat` out"
-    ):
+    with pytest.raises(WorldError, match=r"801 x 10 cells are more than 800 x 600 \(leave"):
         load_map(path, COMPAT)
-    with pytest.raises(
-        WorldError, match=r"801 x 10 cells are more than 700 x 700 \(make the map smaller"
-    ):
+    with pytest.raises(WorldError, match=r"801 x 10 cells are more than 700 x 700 \(make the map"):
         load_map(path, Rules(limit=(700, 700)))
     assert load_map(path, Rules()).shape == (10, 801)
 

@@ -149,16 +149,17 @@ def write_scenario(scenario: Scenario, folder: Path) -> None:
         raise ExplorationError(at(error.filename or folder, problem, cure)) from error
 
 
-def load_run(folder: Path, options: Iterable[str] = ()) -> Scenario:
+def load_run(folder: Path, options: Iterable[str] = (), *, code: bool) -> Scenario:
     """The scenario of the folder of a run, by the rules that the run had.
 
     Args:
         folder: with `scenario.toml`, and `run.json` if it has been run. options: as of `load`.
+        code: a strategy that stands in a file is run.
 
     Raises:
         UsarsimError: a file cannot be used.
     """
-    return load(folder / SCENARIO, [*rules_of(folder), *options])
+    return load(folder / SCENARIO, [*rules_of(folder), *options], code=code)
 
 
 def rules_of(folder: Path) -> list[str]:

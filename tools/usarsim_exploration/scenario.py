@@ -154,21 +154,29 @@ class Scenario:
         return found
 
 
-def load(path: Path, options: Iterable[str] = ()) -> Scenario:
-    """Read a file. options: `table.key=value`, instead of what is written there.
+def load(path: Path, options: Iterable[str] = (), *, code: bool = True) -> Scenario:
+    """Read a file.
+
+    Args:
+        path: of the file. options: `table.key=value`, instead of what is written there.
+        code: see `read`.
 
     Raises:
         UsarsimError: naming the file, what is wrong, and the cure.
     """
     content = read_toml(path, ExplorationError, "robot")
-    return read(merge(content, options), path)
+    return read(merge(content, options), path, code=code)
 
 
-def read(content: Mapping[str, object], path: Path | str = OPTIONS) -> Scenario:
+def read(
+    content: Mapping[str, object], path: Path | str = OPTIONS, *, code: bool = True
+) -> Scenario:
     """A scenario from its tables.
 
     Args:
         content: as TOML gives it. path: of the file that names further files, and for errors.
+        code: a strategy that stands in a file is run. Results may come from a stranger: who reads
+            those runs it only if the user says so.
 
     Raises:
         UsarsimError: see `load`.
@@ -179,7 +187,7 @@ def read(content: Mapping[str, object], path: Path | str = OPTIONS) -> Scenario:
     basics = table.read(Basics)
     rules, bodies = basics.holding, basics.backend != "grid"
     world, mapped = _find_world(table.table("environment"), folder, bodies=bodies and rules.starts)
-    name, strategy = _strategy(table.table("strategy"), folder, files)
+    name, strategy = _strategy(table.table("strategy"), folder, files, code)
     radio_table = table.table("radio")
     radio = create_radio(radio_table)
     radio_table.finish()
@@ -258,11 +266,16 @@ def _find_world(table: Table, folder: Path, *, bodies: bool) -> tuple[World, boo
     return worlds.find(str(path) if path.exists() else place.name, rules), True
 
 
-def _strategy(table: Table, folder: Path, files: dict[str, Path]) -> tuple[str, Strategy]:
+def _strategy(
+    table: Table, folder: Path, files: dict[str, Path], code: bool
+) -> tuple[str, Strategy]:
     name = table.text("name", "frontier")
     parts = split(name)
     if parts is not None:
         path = folder / parts[0].expanduser()
+        if not code:
+            problem = f"{path} is a program that came with the results"
+            raise table.error("name", problem, "read it, then let it run by --run-code")
         strategy = table.read(load_strategy(path, parts[1]))
         files[str(parts[0])] = path
     else:

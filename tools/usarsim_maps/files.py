@@ -44,7 +44,7 @@ USUAL = {"meshes", "staticmeshes", "textures", "materials", "models", "assets", 
 
 
 @contextlib.contextmanager
-def _opened(path: Path, limit: int | None = None) -> Iterator[io.BufferedReader]:
+def opened(path: Path, limit: int | None = None) -> Iterator[io.BufferedReader]:
     """A file while it is open, if it is not larger than the limit."""
     try:
         with open_regular(path) as file:
@@ -58,14 +58,15 @@ def _opened(path: Path, limit: int | None = None) -> Iterator[io.BufferedReader]
 
 def read_head(path: Path) -> bytes:
     """The first 4 KiB of a file."""
-    with _opened(path) as file:
+    with opened(path) as file:
         return file.read(HEAD)
 
 
 def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
     """A whole file, or a refusal if it is larger than the limit."""
-    with _opened(path, limit) as file:
-        content = file.read(limit + 1)
+    with opened(path, limit) as file:
+        # Python takes memory for as many bytes as it is asked for.
+        content = file.read(min(limit, os.fstat(file.fileno()).st_size) + 1)
     check_size(path, len(content), limit)
     return content
 
@@ -79,7 +80,7 @@ def check_size(path: Path, size: int, limit: int = MAX_BYTES) -> None:
 
 def file_digest(path: Path, limit: int = MAX_BYTES) -> bytes:
     """SHA-256 of a file, read in pieces."""
-    with _opened(path, limit) as file:
+    with opened(path, limit) as file:
         return hashlib.file_digest(file, "sha256").digest()
 
 

@@ -24,6 +24,7 @@ from usarsim_operator.serving import (
 from usarsim_operator.signals import BASE
 from usarsim_server.addresses import bare_host, split_address
 from usarsim_server.cli.common import Subparsers, add_command
+from usarsim_server.private import secret
 
 _EPILOG = (
     "Prints one line CONSOLE http://HOST:PORT/#TOKEN per role when ready. Works with every server "
@@ -58,7 +59,10 @@ def add_parser(subparsers: Subparsers) -> None:
         help="its scene port: the true world for instructors and viewers (default none)",
     )
     parser.add_argument(
-        "--scene-token", metavar="TEXT", default="", help="what its scene port wants to be told"
+        "--scene-token",
+        metavar="TEXT|FILE",
+        default="",
+        help="what its scene port wants to be told; in a file others do not see it in `ps`",
     )
     parser.add_argument(
         "--wireless-port",
@@ -158,7 +162,7 @@ def run(arguments: argparse.Namespace) -> int:
         port,
         arguments.image_port,
         None if arguments.scene_port is None else (host, arguments.scene_port),
-        arguments.scene_token,
+        secret(arguments.scene_token),
         arguments.latch or _latch(host, port),
         arguments.viewer_delay,
         None if arguments.impair is None else read_plan(arguments.impair),

@@ -24,6 +24,7 @@ from typing import Any, BinaryIO
 
 from usarsim_operator import packets
 from usarsim_server.errors import UsarsimError, at
+from usarsim_server.private import private
 from usarsim_server.protocol.scene import SceneError, frames
 
 FORMAT = 1
@@ -77,7 +78,8 @@ class Writer:
         self.path, self.size = path, 0
         self._lock = threading.Lock()
         try:
-            self._file: BinaryIO = path.open("xb", buffering=0)
+            descriptor = private(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+            self._file: BinaryIO = os.fdopen(descriptor, "wb", buffering=0)
         except FileExistsError:
             cure = "name another file, or remove this one"
             raise RecordingError(at(path, "exists already", cure)) from None

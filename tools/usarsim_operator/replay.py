@@ -32,6 +32,7 @@ from usarsim_operator.settings import Settings
 from usarsim_operator.station import Station
 from usarsim_server.addresses import split_address
 from usarsim_server.errors import UsarsimError
+from usarsim_server.private import secret
 
 _PING = re.compile(r'"type"\s*:\s*"ping"')
 
@@ -237,13 +238,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("recording", type=Path)
     parser.add_argument("--connect", metavar="HOST:PORT", default="127.0.0.1:3000")
     parser.add_argument("--scene-port", metavar="N", type=int)
-    parser.add_argument("--scene-token", metavar="TEXT", default="")
+    parser.add_argument("--scene-token", metavar="TEXT|FILE", default="")
     given = parser.parse_args(arguments)
     host, port = split_address(given.connect)
     scene = None if given.scene_port is None else (host, given.scene_port)
     try:
         then = session_of(Recording(given.recording))
-        settings = Settings(host, int(port), 5003, scene, given.scene_token)
+        settings = Settings(host, int(port), 5003, scene, secret(given.scene_token))
         now = asyncio.run(replay(settings, then))
     except (UsarsimError, OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)

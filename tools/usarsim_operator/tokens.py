@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import os
-import stat
 from pathlib import Path
 
 from usarsim_operator.roles import Role, Tokens
 from usarsim_server.errors import UsarsimError
 from usarsim_server.files import reason
+from usarsim_server.private import exposed, private
 from usarsim_server.tables import Table
 from usarsim_server.toml import read_toml
 
@@ -27,15 +26,14 @@ def kept_tokens(path: Path) -> Tokens:
     try:
         with contextlib.suppress(FileExistsError):
             # It has its mode from the beginning: nobody sees it in between.
-            made = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
             fresh = Tokens()
-            with os.fdopen(made, "w") as file:
+            with open(path, "x", opener=private) as file:
                 file.writelines(f'{role.value} = "{fresh[role]}"\n' for role in Role)
-        mode = stat.S_IMODE(path.stat().st_mode)
+        open_to_others = exposed(path)
     except OSError as error:
         why = f"{reason(error)} (name a file in a folder of yours)"
         raise UsarsimError(f"--tokens: {path}: {why}") from None
-    if os.name == "posix" and mode & 0o077:
+    if open_to_others:
         cure = f"chmod 600 {path}, or delete it for new tokens"
         raise UsarsimError(f"--tokens: {path}: others may read or change it (cure: {cure})")
     table = Table(read_toml(path, UsarsimError), path, UsarsimError)

@@ -8,7 +8,6 @@ import contextlib
 import json
 import sys
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 from usarsim_client.inbox import HangupError, ProtocolError
@@ -16,7 +15,7 @@ from usarsim_client.scene import connect_scene
 from usarsim_server.addresses import split_address
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError
-from usarsim_server.toml import read_text
+from usarsim_server.private import secret
 
 RED, YELLOW, BLUE, DIM, PLAIN = "\x1b[31m", "\x1b[33m", "\x1b[36m", "\x1b[2m", "\x1b[0m"
 CONNECT = 10.0
@@ -85,7 +84,7 @@ async def _watch(arguments: argparse.Namespace) -> None:
             scene = await connect_scene(
                 host,
                 port,
-                token=_token(arguments.token),
+                token=secret(arguments.token),
                 channels=["lines"],
                 streams=arguments.streams,
             )
@@ -102,14 +101,6 @@ async def _watch(arguments: argparse.Namespace) -> None:
             if isinstance(news, dict):
                 for line in shown(news, arguments, colour):
                     print(line, flush=True)
-
-
-def _token(given: str) -> str:
-    path = Path(given)
-    try:
-        return read_text(path, UsarsimError).strip() if given and path.is_file() else given
-    except ValueError as error:
-        raise UsarsimError(f"{path}: cannot be read: {error}") from None
 
 
 def shown(

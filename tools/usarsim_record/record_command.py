@@ -14,6 +14,7 @@ from usarsim_record.recording import Link, RecordError, Writer
 from usarsim_server.addresses import bare_host, format_address
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError
+from usarsim_server.private import private
 from usarsim_server.processes import calling
 
 _EPILOG = (
@@ -68,7 +69,8 @@ def run(arguments: argparse.Namespace) -> int:
     plain = file.is_file() or not file.exists()
     fresh = file.with_name(f".new-{secrets.token_hex(8)}") if plain else file
     try:
-        stream = fresh.open("xb" if plain else "wb", buffering=0)
+        how = os.O_EXCL if plain else os.O_TRUNC
+        stream = os.fdopen(private(fresh, os.O_WRONLY | os.O_CREAT | how), "wb", buffering=0)
     except OSError as error:
         raise UsarsimError(f"{file}: cannot be written: {error.strerror}") from error
     try:

@@ -162,7 +162,7 @@ class Allocation:
                     "began with, or begin in a new folder)"
                 )
         else:
-            write_text(path, self.text())
+            write_text(path, self.text(), private=True)
         return self.digest
 
 

@@ -30,6 +30,7 @@ from typing import Any, Literal
 
 from usarsim_mission.runlog import EVENTS, SCORE, TRUTH
 from usarsim_server.files import write_text
+from usarsim_server.private import FOLDER_MODE, private
 from usarsim_server.toml import read_text
 from usarsim_study.assignment import ALLOCATION, Order, claim_number, new_code, read_allocation
 from usarsim_study.errors import StudyError
@@ -121,7 +122,9 @@ class StudyFolder:
                 "in a new study)"
             )
         participant = Participant(new_code(one.code for one in self.participants()), number, day)
-        self.place(participant.code).mkdir(parents=True)
+        place = self.place(participant.code)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.mkdir(mode=FOLDER_MODE)
         self.store(participant)
         return participant
 
@@ -253,7 +256,7 @@ def values_of(folder: Path) -> tuple[list[Value], list[Record]]:
     values, forms = list(compute(trial)), trial.all("form")
     rows = [[one.measure, one.level, one.who, one.value] for one in values]
     content = {"stamp": stamp, "values": rows, "forms": forms}
-    write_text(folder / CACHE, json.dumps(content, separators=(",", ":")) + "\n")
+    write_text(folder / CACHE, json.dumps(content, separators=(",", ":")) + "\n", private=True)
     return values, forms
 
 
@@ -272,7 +275,7 @@ def append_lines(path: Path, records: Iterable[dict[str, Any]]) -> None:
     """
     text = "".join(json.dumps(record, ensure_ascii=False) + "\n" for record in records)
     left = memoryview(text.encode())
-    file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    file = private(path, os.O_RDWR | os.O_CREAT)
     try:
         whole = _whole_lines(file)
         os.ftruncate(file, whole)
@@ -302,7 +305,7 @@ def _whole_lines(file: int) -> int:
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
-    write_text(path, json.dumps(content, ensure_ascii=False) + "\n")
+    write_text(path, json.dumps(content, ensure_ascii=False) + "\n", private=True)
 
 
 def _read_json(path: Path) -> dict[str, Any]:

@@ -115,7 +115,7 @@ def write(dataset: Dataset, folder: Path) -> list[Path]:
     written = []
     for name, columns in TABLES.items():
         path = folder / f"{name}.csv"
-        write_text(path, csv_text([one.name for one in columns], rows[name]))
+        write_text(path, csv_text([one.name for one in columns], rows[name]), private=True)
         written.append(path)
     misread = misread_words(dataset)
     known = [

@@ -164,6 +164,7 @@ class Job:
     seed: int
     content: Mapping[str, object]
     path: Path
+    code: bool = True  # a strategy that stands in a file is run
 
     @property
     def key(self) -> str:
@@ -193,16 +194,21 @@ class Job:
         Raises:
             UsarsimError: see `scenario.read`.
         """
-        return scenario.read(self.content, self.path)
+        return scenario.read(self.content, self.path, code=self.code)
 
 
 @dataclass(frozen=True)
 class Batch:
-    """All that a batch file says. common: tables for all runs. path: of the file."""
+    """All that a batch file says.
+
+    Attributes:
+        common: tables for all runs. path: of the file. code: strategies of files are run.
+    """
 
     lists: Lists
     common: Mapping[str, object]
     path: Path
+    code: bool = True
 
     def jobs(self) -> list[Job]:
         """All runs, each seed with everything before the next one."""
@@ -293,7 +299,7 @@ class Batch:
         robots = len(rows) if isinstance(rows, list) else kit.get("robots", Team.robots)
         return Job(
             place.label, int(robots) if isinstance(robots, int) else 0, team.label, strategy.label,
-            radio.label, seed, content, self.path,
+            radio.label, seed, content, self.path, self.code,
         )  # fmt: skip
 
 
@@ -311,11 +317,12 @@ def find_batch(name: str) -> Batch:
     return read_batch(read_toml(path, ExplorationError, "robot"), path)
 
 
-def read_batch(content: Mapping[str, object], path: Path) -> Batch:
+def read_batch(content: Mapping[str, object], path: Path, *, code: bool = True) -> Batch:
     """A batch from its tables.
 
     Args:
         content: as TOML gives it. path: beside which the files lie that it names, for errors, too.
+        code: strategies that stand in files are run.
 
     Raises:
         ExplorationError: naming the file, what is wrong, and the cure.
@@ -336,4 +343,4 @@ def read_batch(content: Mapping[str, object], path: Path) -> Batch:
         count *= len(getattr(lists, name))
     if count > MOST:
         raise table.error("seeds", f"{count} runs are too many", f"make it at most {MOST}")
-    return Batch(lists, common, path)
+    return Batch(lists, common, path, code)

@@ -27,18 +27,19 @@ class Verification:
             though the batch has none such, or have twice.
     """
 
-    def __init__(self, content: Mapping[str, Any], path: Path, files: Path) -> None:
+    def __init__(self, content: Mapping[str, Any], path: Path, files: Path, *, code: bool) -> None:
         """Compare what ran with what should have.
 
         Args:
             content: of `result.json`. path: of it. files: folder of maps and strategy files.
+            code: strategies that stand in files are run.
 
         Raises:
             UsarsimError: the batch cannot be run, or what it names is no longer the same.
         """
         self._path = path
         tables = {"rules": OLDEST} | content["batch"]  # results without a number are older
-        batch = read_batch(tables, files / path.name)
+        batch = read_batch(tables, files / path.name, code=code)
         batch.resolved()
         self.jobs = {job.key: job for job in batch.jobs()}
         keys = [str(key_of(row)) for row in content["runs"]]

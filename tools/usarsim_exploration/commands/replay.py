@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from usarsim_exploration.run_code import add_run_code
 from usarsim_server.cli.common import Subparsers, add_command
 
 _EPILOG = (
@@ -29,6 +30,7 @@ def add_parser(subparsers: Subparsers) -> None:
         help="another key of the scenario; may be repeated",
     )
     parser.add_argument("--out", metavar="DIR", type=Path, help="folder of the results")
+    add_run_code(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -44,7 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     watch = Watch()
     options = [f'radio.model="{arguments.radio}"'] if arguments.radio else []
-    scenario = run_folder.load_run(arguments.folder, [*options, *arguments.set])
+    options += arguments.set
+    scenario = run_folder.load_run(arguments.folder, options, code=arguments.run_code)
     before = None
     if arguments.log is not None:
         log = read_mresim_log(arguments.log, scenario.world.environment)
@@ -56,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         run_folder.write(result, arguments.out, timing)
     print(run_folder.line(result, timing))
-    if before is None or options or arguments.set:
+    if before is None or options:
         return 0
     if (backend := scenario.basics.backend) != "grid":
         print(

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from usarsim_exploration.run_code import add_run_code
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError
 
@@ -73,6 +74,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--from-log", action="store_true", help="do what agents.csv says, do not decide again"
     )
+    add_run_code(parser)
 
 
 def _count(least: int) -> Callable[[str], int]:
@@ -140,10 +142,11 @@ def _tape(arguments: argparse.Namespace) -> Tape:
 
     path: Path = arguments.folder
     if arguments.key is None:
-        return tape_of(path, from_log=arguments.from_log)
+        return tape_of(path, from_log=arguments.from_log, code=arguments.run_code)
     if arguments.from_log:
         raise UsarsimError("--from-log: batches keep no logs (leave it out)")
-    batch = Verification(read_result(path), path, arguments.files or path.parent)
+    files, code = arguments.files or path.parent, arguments.run_code
+    batch = Verification(read_result(path), path, files, code=code)
     return Tape(Run(batch.named([arguments.key])[0].scenario()))
 
 

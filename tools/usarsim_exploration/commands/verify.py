@@ -7,6 +7,7 @@ import re
 import secrets
 from pathlib import Path
 
+from usarsim_exploration.run_code import add_run_code
 from usarsim_server.cli.common import Subparsers, add_command
 
 _EPILOG = (
@@ -32,6 +33,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--files", metavar="DIR", type=Path, help="where maps and strategy files lie of the batch"
     )
+    add_run_code(parser)
     parser.add_argument("--jobs", metavar="N", type=int, help="workers; default: all cores")
 
 
@@ -63,7 +65,8 @@ def run(arguments: argparse.Namespace) -> int:
     engine = find_engine(None, arguments.jobs, Limits())
     if content.get("version") != version("usarsim-server"):
         print(f"{path}: is of version {content.get('version')}, this is another one")
-    one = Verification(content, path, arguments.files or path.parent)
+    files, code = arguments.files or path.parent, arguments.run_code
+    one = Verification(content, path, files, code=code)
     for key in one.missing:
         print(f"{key}: is missing")
     for key in one.strange:

@@ -156,17 +156,18 @@ class Tape:
         return before[1]
 
 
-def tape_of(folder: Path, *, from_log: bool = False) -> Tape:
+def tape_of(folder: Path, *, from_log: bool = False, code: bool = False) -> Tape:
     """The run of a folder, at its start.
 
     Args:
         folder: with `scenario.toml` and, if the run has been, its logs.
         from_log: robots do what the log says; else they decide again, and the log has to agree.
+        code: a strategy that stands in a file is run.
 
     Raises:
         UsarsimError: a file cannot be used.
     """
-    scenario = load_run(folder)
+    scenario = load_run(folder, code=code)
     if not from_log:
         there = (folder / AGENTS).is_file()
         return Tape(Run(scenario), read_history(folder, scenario.rules, 0).cell if there else None)

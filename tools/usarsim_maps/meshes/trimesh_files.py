@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import io
 import re
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from usarsim_maps.files import MAX_BYTES, read_bytes
+from usarsim_maps.archives import read_archive
 from usarsim_maps.meshes.mesh_files import Axes, axes_of, with_hulls
 from usarsim_maps.meshes.polygons import check_count, make_mesh
 from usarsim_maps.meshes.vertex_colors import shaded
@@ -40,8 +39,7 @@ class TrimeshReader(Reader):
         need("lxml.etree", source, "these files")
         need("networkx", source, "these files")
         trimesh = need("trimesh", source, f"{kind.upper()} files")
-        content = read_bytes(source)
-        _refuse_bomb(source, content)
+        content = read_archive(source, CURE)
         try:
             found = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False)
             unit = 1.0 if found.units is None else _metres(trimesh, found.units)
@@ -58,19 +56,6 @@ class TrimeshReader(Reader):
 def _metres(trimesh: Any, units: str) -> float:
     """Metres in a unit by its name, such as `millimeter`."""
     return float(trimesh.units.unit_conversion(units, "meters"))
-
-
-def _refuse_bomb(source: Path, content: bytes) -> None:
-    """Refuse an archive that is far larger than its file, or that is cut off."""
-    if not content.startswith(b"PK"):
-        return
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            size = sum(entry.file_size for entry in archive.infolist())
-    except zipfile.BadZipFile as error:
-        raise MapImportError(at(source, f"a damaged archive: {error}", CURE)) from None
-    if size > MAX_BYTES:
-        raise MapImportError(at(source, f"{size >> 20} MiB when unpacked", "split the map"))
 
 
 def _scene(

@@ -5,9 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import os
 import secrets
-import stat
 from collections import deque
 from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
@@ -20,6 +18,7 @@ from usarsim_operator.places import NoPlaceError, Places
 from usarsim_operator.roles import LONGEST, Limits, foreign, hosts_of
 from usarsim_operator.serving import PAGE
 from usarsim_server.files import reason
+from usarsim_server.private import exposed, private
 from usarsim_server.toml import read_text
 from usarsim_study.errors import StudyError
 from usarsim_study.session.desk import EXPERIMENTER, Desk
@@ -48,19 +47,17 @@ def kept_tokens(path: Path) -> dict[int, str]:
         StudyError: it cannot be had, others may read it, or it is something else.
     """
     try:
-        with contextlib.suppress(FileExistsError):
-            # It has its mode from the beginning: nobody sees it in between.
-            made = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
-            with os.fdopen(made, "w") as file:
-                json.dump({name: secrets.token_urlsafe(18) for name in SEATS.values()}, file)
-        mode = stat.S_IMODE(path.stat().st_mode)
+        # It has its mode from the beginning: nobody sees it in between.
+        with contextlib.suppress(FileExistsError), open(path, "x", opener=private) as file:
+            json.dump({name: secrets.token_urlsafe(18) for name in SEATS.values()}, file)
+        open_to_others = exposed(path)
         told = json.loads(read_text(path, StudyError))
         tokens = {seat: str(told[name]) for seat, name in SEATS.items()}
     except OSError as error:
         raise StudyError(f"{path}: {reason(error)} (name a folder of yours)") from None
     except (ValueError, KeyError, TypeError):
         raise StudyError(f"{path}: holds no tokens (delete it for new ones)") from None
-    if os.name == "posix" and mode & 0o077:
+    if open_to_others:
         raise StudyError(f"{path}: others may read it (chmod 600, or delete it for new ones)")
     if len({one for one in tokens.values() if len(one) >= 16}) < len(tokens):
         raise StudyError(f"{path}: tokens are short or alike (delete it for new ones)")

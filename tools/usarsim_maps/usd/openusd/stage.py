@@ -13,16 +13,14 @@ from typing import Any
 from pxr import Ar, Tf, Usd, UsdGeom, UsdUtils
 
 from usarsim_maps.apart import run_apart
-from usarsim_maps.files import MAX_BYTES, check_size, read_bytes, read_head
+from usarsim_maps.archives import open_archive
+from usarsim_maps.files import MAX_BYTES, check_size, opened, read_bytes, read_head
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import Context
 from usarsim_maps.usd.schemas import STAGES
 from usarsim_server.children import python
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, is_regular
-
-MAX_ENTRIES = 20_000
-"""Files in one USDZ archive."""
 
 BINARY = b"PXR-USDC"
 TRIAL = Path(__file__).with_name("trial.py")
@@ -52,13 +50,8 @@ def check_archive(source: Path) -> None:
             need, or they are larger than the archive.
     """
     cure = "make it again with usdzip, or with the program that exported it"
-    try:
-        with zipfile.ZipFile(source) as archive:
-            entries = archive.infolist()
-    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
-        raise MapImportError(at(source, f"no USDZ archive ({error})", cure)) from None
-    if not entries or len(entries) > MAX_ENTRIES:
-        raise MapImportError(at(source, f"{len(entries)} files in the archive", cure))
+    with opened(source) as file, open_archive(source, file, cure) as archive:
+        entries = archive.infolist()
     for entry in entries:
         if entry.compress_type != zipfile.ZIP_STORED or entry.file_size != entry.compress_size:
             problem = f"{entry.filename} is compressed; USDZ allows no compression"

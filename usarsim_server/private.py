@@ -1,0 +1,57 @@
+"""Files that are nobody else's business: tokens, recordings, what people answered.
+
+They are made with mode 0600 from the beginning, and a token is not taken from a file that others
+may read.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from usarsim_server.errors import UsarsimError, at
+from usarsim_server.files import is_regular
+from usarsim_server.toml import read_text
+
+MODE = 0o600
+"""Of such a file: its owner reads and writes it."""
+FOLDER_MODE = 0o700
+
+
+def private(path: str | Path, flags: int) -> int:
+    """The descriptor of a file, also for `open(..., opener=private)`; a new one is private."""
+    return os.open(path, flags | os.O_CLOEXEC, MODE)
+
+
+def exposed(path: Path) -> bool:
+    """Whether others than its owner may read or change a file.
+
+    Raises:
+        OSError: it is not there.
+    """
+    return os.name == "posix" and bool(stat.S_IMODE(path.stat().st_mode) & 0o077)
+
+
+def read_secret(path: Path) -> str:
+    """What stands in a file with a token, without blanks around it.
+
+    Raises:
+        UsarsimError: it cannot be read, is empty, or others may read it.
+    """
+    text = read_text(path, UsarsimError).strip()
+    if exposed(path):
+        raise UsarsimError(at(path, "others may read this token", f"chmod 600 {path}"))
+    if not text:
+        raise UsarsimError(at(path, "is empty", "write a token into it"))
+    return text
+
+
+def secret(given: str) -> str:
+    """A token, or what stands in the file of that name.
+
+    Raises:
+        UsarsimError: see `read_secret`.
+    """
+    given = given.strip()
+    return read_secret(Path(given)) if given and is_regular(given) else given
