@@ -37,6 +37,9 @@ _SCARCE = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOBUFS})
 _SCARCE_PAUSE = 0.1
 _LOST_PAUSE = 0.01
 _LOG_PAUSE = 1.0
+_HEAD_END = b"\r\n\r\n"
+LONGEST_HEAD = 16 * 1024
+"""Bytes of the head of a first request."""
 _CHEAPEST = 0.0005  # s of processor time that a request takes at least, with all that aiohttp does
 
 
@@ -61,9 +64,9 @@ class GateLimits:
     per_address: int = 96
     head: float = 10.0
     answer: float = 60.0
-    arrivals: float = 500.0
+    arrivals: float = 2000.0
     share: float = 0.25
-    queue: int = 1024
+    queue: int = 4096
     receive_buffer: int = 64 * 1024
     send_buffer: int = 256 * 1024
     held_bytes: int = 1024 * 1024
@@ -108,17 +111,19 @@ class _Budget:
 
 
 class _Guest(asyncio.Protocol):
-    """One connection, between its transport and aiohttp's protocol, which does all the talking.
+    """One connection, between its transport and aiohttp's protocol, which does all the talking once
+    a head has come whole: what never gets so far costs little.
 
     Attributes:
-        inner: aiohttp's. address: who shares its bounds. since: when it last got on, s of the loop.
-        answered: an answer is under way. admitted: it is no newcomer any more.
+        inner: aiohttp's, once there is one. address: who shares its bounds. since: when it last got
+            on, s of the loop. answered: an answer is under way.
     """
 
-    def __init__(self, gate: Gate, inner: asyncio.Protocol, address: str) -> None:
-        self.inner, self.address = inner, address
-        self.since = gate.loop.time()
-        self.answered = self.admitted = False
+    def __init__(self, gate: Gate, address: str) -> None:
+        self.inner: asyncio.Protocol | None = None
+        self.address, self.since = address, gate.loop.time()
+        self.answered = False
+        self._head = bytearray()
         self._gate, self._ended = gate, False
         self._transport: asyncio.Transport | None = None
         self._timer: asyncio.TimerHandle | None = None
@@ -149,39 +154,55 @@ class _Guest(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
-        self.inner.connection_made(transport)
         if self._ended:
             transport.abort()
 
     def data_received(self, data: bytes) -> None:
-        self.inner.data_received(data)
+        if self.inner is not None:
+            self.inner.data_received(data)
+            return
+        seen = max(0, len(self._head) - len(_HEAD_END) + 1)
+        self._head += data
+        if self._head.find(_HEAD_END, seen) >= 0:
+            assert self._transport is not None
+            self.inner = self._gate.begin(self)
+            self.inner.connection_made(self._transport)
+            self.inner.data_received(bytes(self._head))
+            self._head.clear()
+        elif len(self._head) > LONGEST_HEAD:
+            self.abort()
 
     def eof_received(self) -> bool | None:
-        return self.inner.eof_received()
+        return None if self.inner is None else self.inner.eof_received()
 
     def pause_writing(self) -> None:
-        self.inner.pause_writing()
+        if self.inner is not None:
+            self.inner.pause_writing()
 
     def resume_writing(self) -> None:
-        self.inner.resume_writing()
+        if self.inner is not None:
+            self.inner.resume_writing()
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._ended = True
         self.expect(None)
         self._gate.left(self)
-        self.inner.connection_lost(exc)
+        if self.inner is not None:
+            self.inner.connection_lost(exc)
 
 
 class Gate:
     """Lets connections in to one application.
 
     Attributes:
-        limits: of newcomers. loop: on which all of it runs.
+        limits: of newcomers. loop: on which all of it runs. server: makes aiohttp's protocols.
     """
 
     def __init__(self, limits: GateLimits) -> None:
         self.limits, self.loop = limits, asyncio.get_running_loop()
-        self._guests: dict[object, _Guest] = {}  # by aiohttp's protocol
+        self.server: Callable[[], Any] | None = None
+        self._guests: set[_Guest] = set()
+        self._by_protocol: dict[object, _Guest] = {}
         self._newcomers: set[_Guest] = set()
         self._by_address: Counter[str] = Counter()
         self._making: set[asyncio.Task[None]] = set()
@@ -195,12 +216,8 @@ class Gate:
 
     # -- coming and going ---------------------------------------------------------------------
 
-    async def accept(self, listening: socket.socket, server: Callable[[], Any]) -> None:
-        """Let connections in until cancelled.
-
-        Args:
-            listening: where they come. server: makes aiohttp's protocol for each.
-        """
+    async def accept(self, listening: socket.socket) -> None:
+        """Let connections in that come at a socket, until cancelled."""
         while True:
             await self._arrivals.wait()
             try:
@@ -214,10 +231,10 @@ class Gate:
                     await asyncio.sleep(_LOST_PAUSE)
                 continue
             self._arrivals.spend(1.0)
-            self._let_in(client, _shared(address[0]), server)
+            self._let_in(client, _shared(address[0]))
             await asyncio.sleep(0)  # `sock_accept` does not yield while somebody waits
 
-    def _let_in(self, client: socket.socket, address: str, server: Callable[[], Any]) -> None:
+    def _let_in(self, client: socket.socket, address: str) -> None:
         if self._by_address[address] >= self.limits.per_address:
             self.tell("newcomers gave way to others of their address")
             self._give_way(address)
@@ -225,8 +242,8 @@ class Gate:
             self.tell("newcomers gave way to others")
             self._give_way()
         client.setblocking(False)
-        inner = server()
-        guest = self._guests[inner] = _Guest(self, inner, address)
+        guest = _Guest(self, address)
+        self._guests.add(guest)
         self._newcomers.add(guest)
         self._by_address[address] += 1
         guest.expect(self.limits.head)
@@ -262,22 +279,31 @@ class Gate:
     def left(self, guest: _Guest) -> None:
         """A connection has ended."""
         self._no_newcomer(guest)
-        self._guests.pop(guest.inner, None)
+        self._guests.discard(guest)
+        self._by_protocol.pop(guest.inner, None)
+
+    def begin(self, guest: _Guest) -> asyncio.Protocol:
+        """A connection has sent its first head; aiohttp's protocol for it."""
+        assert self.server is not None
+        inner: asyncio.Protocol = self.server()
+        self._by_protocol[inner] = guest
+        return inner
 
     def admit(self, protocol: object) -> None:
         """A page has said who it is: its connection, by aiohttp's protocol, is no newcomer's."""
-        if (guest := self._guests.get(protocol)) is not None:
-            guest.admitted = True
+        if (guest := self._by_protocol.get(protocol)) is not None:
             guest.expect(None)
             self._no_newcomer(guest)
 
     async def close(self) -> None:
-        """Forget everybody; aiohttp closes their connections."""
+        """End everybody to whom aiohttp does not talk; it closes the other connections."""
         for made in self._making:
             made.cancel()
         await asyncio.gather(*self._making, return_exceptions=True)
-        for guest in self._guests.values():
+        for guest in list(self._guests):
             guest.expect(None)
+            if guest.inner is None:
+                guest.abort()
 
     # -- answers ------------------------------------------------------------------------------
 
@@ -292,7 +318,7 @@ class Gate:
         return gate
 
     async def _answer(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        guest = self._guests.get(request.protocol)
+        guest = self._by_protocol.get(request.protocol)
         upgrade = request.headers.get("Upgrade") is not None
         if guest is not None:
             guest.answered = not upgrade
@@ -391,8 +417,8 @@ async def gated(
         await runner.setup()
         stack.push_async_callback(runner.cleanup)
         stack.push_async_callback(gate.close)
-        assert runner.server is not None
-        accepting = [asyncio.create_task(gate.accept(one, runner.server)) for one in sockets]
+        gate.server = runner.server
+        accepting = [asyncio.create_task(gate.accept(one)) for one in sockets]
         try:
             yield int(sockets[0].getsockname()[1])
         finally:

@@ -38,6 +38,7 @@ class Attack:
     descriptors: int = 512  # that the server may hold more than before
     wait: float = 2.0  # s that a new client may have to wait for its answer
     least: float = 0.0  # s that the attack must last to show anything
+    web: bool = False  # the console and the desk of a study stand beside the server
     busy_loops: int = 0
     """Programs that only need a processor. With them, or with a speed that the machine cannot keep,
     only what is lost counts, not how fast it went."""

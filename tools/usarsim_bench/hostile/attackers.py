@@ -21,11 +21,12 @@ from usarsim_bench.hostile.control_attacks import CONTROL_ATTACKS
 from usarsim_bench.hostile.links import Damage, Site, work
 from usarsim_bench.hostile.scene_attacks import SCENE_ATTACKS
 from usarsim_bench.hostile.side_attacks import SIDE_ATTACKS
+from usarsim_bench.hostile.web_attacks import WEB_ATTACKS
 from usarsim_bench.server import BenchError, CarefulClosing
 from usarsim_server.children import python
 
 ATTACKS: Mapping[str, Attack] = {
-    one.name: one for one in (*CONTROL_ATTACKS, *SIDE_ATTACKS, *SCENE_ATTACKS)
+    one.name: one for one in (*CONTROL_ATTACKS, *SIDE_ATTACKS, *SCENE_ATTACKS, *WEB_ATTACKS)
 }
 """In the order in which they are tried."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from usarsim_bench.hostile.attackers import ATTACKS, Attackers
 from usarsim_bench.hostile.links import SHARE, Damage
 from usarsim_bench.hostile.newcomers import Newcomers
 from usarsim_bench.hostile.tally import Tally, intervals
+from usarsim_bench.hostile.web_servers import WebServers
 from usarsim_bench.robot_files import SCOUT, scouts
 from usarsim_bench.server import SERVE, BenchError, Server, load_between
 from usarsim_bench.swarm import TOGETHER
@@ -192,20 +194,23 @@ def _try(plan: Plan, attack: Attack, robots: int, seconds: float) -> Outcome:
     options = ("--comserver-port", "0", *attack.options)
     with scouts() as classes:
         server = Server(plan.world, MOST_ROBOTS, (*SERVE, *classes, *options))
-        with server, Crowd(server.port, plan.seed) as crowd:
+        with contextlib.ExitStack() as stack, server, Crowd(server.port, plan.seed) as crowd:
+            web = stack.enter_context(WebServers(server.port)) if attack.web else None
             gather(crowd, robots, (SCOUT,), TOGETHER)
             watch = _Watch(server, crowd)
             watch.learn()
             before = watch.watch(quiet)
-            names = [name for name in ("control", *attack.ports) if name in server.ports]
+            ports = server.ports | ({} if web is None else web.ports)
+            names = [name for name in ("control", *attack.ports) if name in ports]
             with (
-                Newcomers(server.ports, names) as newcomers,
-                Attackers(attack.name, server.ports) as attackers,
+                Newcomers(ports, names) as newcomers,
+                Attackers(attack.name, ports) as attackers,
             ):
                 during = watch.watch(seconds)
                 damage = attackers.stop()
+            faults = () if web is None else tuple(web.faults())
             after = watch.watch(quiet)
-            with Attackers(attack.name, server.ports):
+            with Attackers(attack.name, ports):
                 watch.watch(ENDING)
                 begun = time.perf_counter()
                 try:
@@ -220,7 +225,7 @@ def _try(plan: Plan, attack: Attack, robots: int, seconds: float) -> Outcome:
         after,
         damage,
         newcomers.slowest,
-        tuple(attack.faults({**newcomers.answers, "team": watch.streams})),
+        (*attack.faults({**newcomers.answers, "team": watch.streams}), *faults),
         end,
     )
 

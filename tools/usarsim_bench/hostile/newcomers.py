@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from usarsim_bench.hostile.scene_attacks import hello
+from usarsim_bench.hostile.web_attacks import reloaded
 from usarsim_client import BlockingConnection, Closing, HangupError, Inbox
 
-QUESTIONS: Mapping[str, tuple[bytes, bytes]] = {
+QUESTIONS: Mapping[str, tuple[bytes | Callable[[int], bytes], bytes]] = {
     "control": (b"GETSTARTPOSES\r\n", b"{StartPoses"),
     "groundtruth": (b"GETPOS\r\n", b"\r\n"),
     "wireless": (b"GETPOS\r\n", b"\r\n"),
@@ -19,8 +20,11 @@ QUESTIONS: Mapping[str, tuple[bytes, bytes]] = {
     "images": (b"U" + bytes(16), b"\x00\x00"),
     "comserver": (b"GETSS Nobody Noone;", b";"),
     "scene": (hello(), b'"welcome"'),
+    # An operator, and an experimenter, who load their pages anew.
+    "console": (reloaded("operator"), b'"welcome"'),
+    "desk": (reloaded("experimenter"), b"no session runs"),
 }
-"""For each port what is asked and what an answer contains."""
+"""For each port what is asked, or is by the number of the port, and what an answer contains."""
 
 PERIOD = 1.0
 """s between two rounds."""
@@ -79,7 +83,7 @@ class Newcomers(Closing):
             return inbox.rest if sign in inbox.rest and len(inbox) >= _LEAST else None
 
         with BlockingConnection(self._ports[name], patience=TIMEOUT) as client:
-            client.send(question)
+            client.send(question(self._ports[name]) if callable(question) else question)
             try:
                 self.answers[name] = client.take(whole)
             except HangupError:
