@@ -10,6 +10,7 @@ import resource
 import socket
 import time
 from collections.abc import AsyncIterator, Callable
+from pathlib import Path
 
 import pytest
 
@@ -299,6 +300,20 @@ async def test_junk_writes_no_log(caplog: pytest.LogCaptureFixture) -> None:
         assert await fetched(one.url, "/nowhere") == "Not Found"
     assert len(caplog.records) <= 3
     assert "a defect" in caplog.text
+
+
+def test_no_file_is_larger_than_a_newcomer_may_hold(page_folder: Path) -> None:
+    """Who takes nothing of an answer makes the server hold it once, and a head."""
+    largest = max(one.stat().st_size for one in page_folder.iterdir())
+    assert largest + gates.LONGEST_HEAD <= GateLimits().held_bytes
+
+
+async def test_an_endless_head_is_cut_off() -> None:
+    """What does not end within 16 KiB is none."""
+    async with site() as one:
+        client = one.dial(HALF + b"x" * gates.LONGEST_HEAD)
+        await gone(client)
+        client.close()
 
 
 class TestPlaces:
