@@ -14,12 +14,15 @@ from pathlib import Path
 import pytest
 
 from usarsim_bench.hostile.attackers import ATTACKS
+from usarsim_operator.gate import LOG_RATE, GateLimits
+from usarsim_server import logs
 from usarsim_server.cameras.view import Grid
 from usarsim_server.cli.serve import add_parser
 from usarsim_server.services.comserver import ComServerLimits
 from usarsim_server.services.control import ControlLimits
 from usarsim_server.services.dialogue import TRUTH_LIMITS, DialogueLimits
 from usarsim_server.services.images import ImageLimits
+from usarsim_server.services.port import PortLimits
 from usarsim_server.services.relay import LinkOptions
 from usarsim_server.services.scene_port import SceneLimits
 from usarsim_server.services.wireless import WirelessLimits
@@ -157,3 +160,37 @@ def test_bytes_that_a_connection_can_hold() -> None:
     assert LinkOptions().kernel_bytes // 1024 == 512
     assert WirelessLimits().link_bytes(LinkOptions()) == 36 << 20
     assert ComServerLimits().names_bytes == 4 << 20
+
+
+def test_what_a_newcomer_may_cost() -> None:
+    """The table of docs/limits.md has the figures of the code, and all ports."""
+    frame = Grid(*Settings().tiles, *Settings().tile_size).frame
+    ports: dict[str, tuple[PortLimits, int]] = {
+        "3000": (ControlLimits(), ControlLimits().held_bytes),
+        "5003": (ImageLimits(), ImageLimits().held_bytes(frame)),
+        "50000": (WirelessLimits(), WirelessLimits().held_bytes),
+        "5874": (ComServerLimits(), ComServerLimits().held_bytes),
+        "7435": (DialogueLimits(), DialogueLimits().held_bytes),
+        "3989": (TRUTH_LIMITS, TRUTH_LIMITS.held_bytes),
+        "scene": (SceneLimits(), SceneLimits().held_bytes),
+    }
+    gate = GateLimits()
+    expected: dict[str, tuple[float, ...]] = {
+        port: (
+            one.max_connections,
+            math.ceil(held / 1024),
+            math.ceil(one.kernel_bytes / 1024),
+            one.arrival_rate,
+            one.share,
+            one.hello if isinstance(one, SceneLimits) else one.idle,
+            logs.RATE,
+        )
+        for port, (one, held) in ports.items()
+    }
+    expected["console, study desk"] = (
+        *(gate.newcomers, gate.held_bytes / 1024, gate.kernel_bytes / 1024),
+        *(gate.arrivals, gate.share, gate.head, LOG_RATE),
+    )
+    text = TEXTS["limits.md"].partition("## What a newcomer may cost")[2].partition("\n## ")[0]
+    lines = re.findall(r"^\| ([^|]+?) \| ([\d.| ]+) \| `", text, re.MULTILINE)
+    assert {port: tuple(map(float, cells.split("|"))) for port, cells in lines} == expected

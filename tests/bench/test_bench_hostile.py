@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from bench_fakes import FakeServer
 
-from usarsim_bench.hostile import measuring
+from usarsim_bench.hostile import measuring, web_servers
 from usarsim_bench.hostile.attack import MIB, Attack
 from usarsim_bench.hostile.attackers import ATTACKS, Attackers
 from usarsim_bench.hostile.control_attacks import CONTROL_ATTACKS
@@ -22,6 +22,8 @@ from usarsim_bench.hostile.newcomers import QUESTIONS, Newcomers
 from usarsim_bench.hostile.scene_attacks import SCENE_ATTACKS
 from usarsim_bench.hostile.side_attacks import SIDE_ATTACKS
 from usarsim_bench.hostile.tally import Tally, intervals
+from usarsim_bench.hostile.web_attacks import WEB_ATTACKS
+from usarsim_bench.hostile.web_servers import WebServers
 from usarsim_bench.server import BenchError
 from usarsim_server.cli import main
 from usarsim_server.testing import eventually
@@ -211,7 +213,7 @@ class TestLinks:
 class TestAttacks:
     def test_names_are_unique(self) -> None:
         """No attack hides another."""
-        groups = (CONTROL_ATTACKS, SIDE_ATTACKS, SCENE_ATTACKS)
+        groups = (CONTROL_ATTACKS, SIDE_ATTACKS, SCENE_ATTACKS, WEB_ATTACKS)
         assert len(ATTACKS) == sum(map(len, groups))
 
     @pytest.mark.parametrize("attack", ATTACKS.values(), ids=lambda one: one.name)
@@ -220,7 +222,9 @@ class TestAttacks:
         assert set(attack.ports) <= set(QUESTIONS)
         assert attack.what
 
-    @pytest.mark.parametrize("attack", [*CONTROL_ATTACKS, *SCENE_ATTACKS], ids=lambda one: one.name)
+    @pytest.mark.parametrize(
+        "attack", [*CONTROL_ATTACKS, *SCENE_ATTACKS, *WEB_ATTACKS], ids=lambda one: one.name
+    )
     def test_links_can_be_made(self, attack: Attack) -> None:
         """Without anybody to attack: nothing is sent before they are worked."""
         ports = dict.fromkeys(QUESTIONS, 1)
@@ -276,6 +280,25 @@ class TestFaults:
         faults = ATTACKS["truth-off"].faults
         assert not faults({"wireless": b"POSITIONS {Robots 0}\r\n", "team": b"STA Odometry"})
         assert len(faults({"wireless": POSITIONS % b"R1", "team": b"GroundTruth GndTruth"})) == 2
+
+
+class TestWebServers:
+    """The console and the desk that are attacked."""
+
+    def test_answer_who_has_a_token(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """An operator and an experimenter load their pages, and nothing is wrong; what may be is
+        found: memory, processor, a log that fills."""
+        with FakeServer() as server, WebServers(server.port) as web:
+            with Newcomers(web.ports, list(web.ports)) as newcomers:
+                assert eventually(lambda: len(newcomers.answers) == len(web.ports))
+            assert all(b"HTTP/1.1 101" in answer for answer in newcomers.answers.values())
+            assert web.faults() == []
+            monkeypatch.setattr(web_servers, "MOST_GROWTH", -1e12)
+            monkeypatch.setattr(web_servers, "MOST_CORES", -1.0)
+            monkeypatch.setattr(web_servers, "LINES", -1e6)
+            found = web.faults()
+        for what in ("memory", "processor", "lines"):
+            assert [one for one in found if what in one and "console" in one], what
 
 
 class TestNewcomers:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import itertools
 import resource
 import socket
 import time
 from collections.abc import AsyncIterator, Callable
+from pathlib import Path
 
 import pytest
 
@@ -108,6 +110,11 @@ async def until(check: Callable[[], object]) -> None:
             await asyncio.sleep(0.01)
 
 
+async def gone(client: socket.socket) -> None:
+    """Wait until the server has hung up."""
+    await until(lambda: ended(client))
+
+
 async def fetched(url: str, path: str = "/") -> str:
     """What a newcomer is answered."""
     async with (
@@ -125,10 +132,7 @@ async def test_half_requests_keep_nobody_out(caplog: pytest.LogCaptureFixture) -
         for number in range(1100):
             stack.callback(one.dial(HALF).close)
             if number % 100 == 99:
-                begun = time.monotonic()
                 assert await fetched(one.url) == "here"
-                waited = time.monotonic() - begun
-        assert waited < 5.0
         limits = GateLimits()
         assert len(one.gate._newcomers) <= limits.newcomers
         assert len(one.gate._guests) <= limits.newcomers + 100  # of which some end just now
@@ -149,7 +153,7 @@ async def test_who_says_nothing_whole_is_closed() -> None:
             return ended(drip)
 
         for client in (silent, half, after):
-            await until(lambda client=client: ended(client))
+            await gone(client)
             client.close()
         await until(dripped)
         drip.close()
@@ -172,17 +176,20 @@ async def test_who_takes_no_answer_is_closed() -> None:
 
 async def test_pages_are_no_newcomers() -> None:
     """Who has said who it is keeps its connection, silent or not, among any number of others."""
-    async with site(head=0.3, newcomers=8) as one, aiohttp.ClientSession() as http:
-        async with http.ws_connect(f"{one.url}/socket") as page:
-            await page.send_str(GREETED)
-            assert (await page.receive(PATIENCE)).data == "welcome"
-            crowd = [one.dial(HALF) for _ in range(30)]
-            await until(lambda: all(ended(client) for client in crowd))
-            for client in crowd:
-                client.close()
-            assert not page.closed
-            assert len(one.gate._guests) == 1
-            assert not one.gate._newcomers
+    async with (
+        site(head=0.3, newcomers=8) as one,
+        aiohttp.ClientSession() as http,
+        http.ws_connect(f"{one.url}/socket") as page,
+    ):
+        await page.send_str(GREETED)
+        assert (await page.receive(PATIENCE)).data == "welcome"
+        crowd = [one.dial(HALF) for _ in range(30)]
+        await until(lambda: all(ended(client) for client in crowd))
+        for client in crowd:
+            client.close()
+        assert not page.closed
+        assert len(one.gate._guests) == 1
+        assert not one.gate._newcomers
 
 
 async def test_one_address_keeps_no_other_out() -> None:
@@ -227,9 +234,10 @@ async def test_no_descriptors(
             patched.setattr(loop, "sock_accept", scarce)
             one.dial(HALF).close()
             await until(lambda: tried)
-            tried = 0
+            tried, begun = 0, loop.time()
             await asyncio.sleep(1.0)
-        assert tried <= 12
+            seconds = loop.time() - begun
+        assert tried <= 2 + 10.0 * seconds
         await until(lambda: ended(held))
         held.close()
         assert await fetched(one.url) == "here"
@@ -279,11 +287,14 @@ async def test_arrivals_are_paced() -> None:
 
 async def test_junk_writes_no_log(caplog: pytest.LogCaptureFixture) -> None:
     """What is no HTTP is closed without a word; defects are told once a second, counted."""
-    async with site() as one:
-        junk = (b"\x16\x03\x01\x02\x00" + b"\0" * 500, b"GET\r\n\r\n", b"A" * 20_000 + b"\r\n")
-        for first in (*junk, b"GET / HTTP/1.1\r\nHost: x\r\nBad Header\r\n\r\n") * 20:
-            client = one.dial(first)
-            await until(lambda client=client: ended(client))
+    async with site(head=0.5) as one:
+        junk = (
+            *(b"\x16\x03\x01\x02\x00" + b"\0" * 500, b"GET\r\n\r\n", b"A" * 20_000 + b"\r\n"),
+            b"GET / HTTP/1.1\r\nHost: x\r\nBad Header\r\n\r\n",
+        )
+        clients = [one.dial(first) for first in junk * 20]
+        await until(lambda: all(map(ended, clients)))
+        for client in clients:
             client.close()
         assert not caplog.records
         for _ in range(20):
@@ -291,6 +302,20 @@ async def test_junk_writes_no_log(caplog: pytest.LogCaptureFixture) -> None:
         assert await fetched(one.url, "/nowhere") == "Not Found"
     assert len(caplog.records) <= 3
     assert "a defect" in caplog.text
+
+
+def test_no_file_is_larger_than_a_newcomer_may_hold(page_folder: Path) -> None:
+    """Who takes nothing of an answer makes the server hold it once, and a head."""
+    largest = max(one.stat().st_size for one in page_folder.iterdir())
+    assert largest + gates.LONGEST_HEAD <= GateLimits().held_bytes
+
+
+async def test_an_endless_head_is_cut_off() -> None:
+    """What does not end within 16 KiB is none."""
+    async with site() as one:
+        client = one.dial(HALF + b"x" * gates.LONGEST_HEAD)
+        await gone(client)
+        client.close()
 
 
 class TestPlaces:

@@ -36,7 +36,8 @@ except ImportError:  # not on Windows, where descriptors are no matter
 _SCARCE = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOBUFS})
 _SCARCE_PAUSE = 0.1
 _LOST_PAUSE = 0.01
-_LOG_PAUSE = 1.0
+LOG_RATE = 1.0
+"""Lines of the log a second about newcomers, at most."""
 _HEAD_END = b"\r\n\r\n"
 LONGEST_HEAD = 16 * 1024
 """Bytes of the head of a first request."""
@@ -69,7 +70,7 @@ class GateLimits:
     queue: int = 4096
     receive_buffer: int = 64 * 1024
     send_buffer: int = 256 * 1024
-    held_bytes: int = 1024 * 1024
+    held_bytes: int = 800 * 1024
 
     @property
     def kernel_bytes(self) -> int:
@@ -360,7 +361,7 @@ class Gate:
         now = self.loop.time()
         if now < self._tells:
             return
-        self._tells = now + _LOG_PAUSE
+        self._tells = now + 1.0 / LOG_RATE
         counts, self._untold = self._untold, Counter()
         message = "; ".join(f"{kind}, {count} times" for kind, count in counts.items())
         if error is None:

@@ -22,7 +22,6 @@ from usarsim_operator.station import Station
 from usarsim_operator.timed_moves import Rotate, Travel
 
 _SHOWN = '{"type":"shown"'  # by the page itself, dozens a second
-_BY_ITSELF = tuple(f'{{"type":{gap}"{kind}"' for gap in ("", " ") for kind in ("shown", "ping"))
 
 
 class Desk:
@@ -72,8 +71,8 @@ class Desk:
         wall = self._station.wall
         if not page.limits.hears(wall, len(text)):
             return False
-        by_itself = page.role is not Role.VIEWER or text.startswith(_BY_ITSELF)
-        return by_itself or page.limits.asks(wall)
+        free = page.role is not Role.VIEWER or text.startswith(_SHOWN)
+        return free or page.limits.asks(wall)
 
     def take(self, page: Page, text: str) -> None:
         """Take a text that was admitted; in lockstep it waits for the next tick."""

@@ -17,8 +17,7 @@ CHARACTERS = 128 * 1024.0
 DRIVES = 60.0
 """Texts of a page a second that drive."""
 ASKS, ASKS_AT_ONCE = 10.0, 64.0
-"""Texts of a viewer's page a second, and at once, that ask for something: all but those that a page
-sends by itself (`ping`, `shown`)."""
+"""Texts of a viewer's page a second, and at once, all but `shown`, which a page sends dozens of."""
 PINGS, PINGS_AT_ONCE = 4.0, 16.0
 """Pings of a page a second, and at once, that are kept and measured; all are answered."""
 REFUSALS = 400
@@ -173,7 +172,7 @@ class Limits:
         return (self._texts.take(now) and self._characters.take(now, size)) or self.refuse()
 
     def asks(self, now: float) -> bool:
-        """Whether one more text of a viewer that asks for something is read."""
+        """Whether one more text of a viewer but `shown` is read."""
         return self._asks.take(now) or self.refuse()
 
     def measures(self, now: float) -> bool:

@@ -98,7 +98,6 @@ class ControlLimits(PortLimits):
     client that stopped reading finds at most as much old text as the kernel holds when it reads on.
     """
 
-    arrival_rate: float = 100.0
     share: float = 0.1
     max_line: int = MAX_LINE  # longest line in bytes; longer ones are thrown away
     backlog_high: int = 256

@@ -37,6 +37,7 @@ class PortLimits(ListenerLimits):
 
     receive_buffer: int | None = 64 * 1024
     send_buffer: int | None = 64 * 1024
+    arrival_rate: float = 100.0
     rate: float = 1000.0
     """Commands, requests or messages per wall s of one client in the long run; it is read no
     faster."""
