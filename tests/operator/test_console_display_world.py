@@ -266,3 +266,41 @@ def test_view_that_takes_too_long_draws_less(browser: Any) -> None:
         end, after = page.evaluate(count)
         # Two a second; the first comes at once, two more as the size changes there and back.
         assert after - before <= 2.0 * (end - start) + 3.0
+
+
+SPY = """
+window.marks = {};
+const plain = Path2D;
+window.Path2D = class extends plain { constructor(d) { super(d); this.d = d; } };
+const fill = CanvasRenderingContext2D.prototype.fill;
+CanvasRenderingContext2D.prototype.fill = function (path, ...more) {
+  if (path?.d) {
+    const where = (window.marks[this.canvas.getAttribute("aria-label") ?? "label"] ??= new Set());
+    where.add(`${path.d} ${this.fillStyle}`);
+  }
+  if (path) fill.call(this, path, ...more);
+  else fill.call(this);
+};
+"""
+LOOKS = """(where) => [...document.querySelectorAll(where)].map((one) => {
+  const path = one.querySelector(".robot-mark path");
+  return `${path.getAttribute("d")} ${path.getAttribute("fill")}`; })"""
+
+
+def test_sixteen_robots_have_sixteen_looks(browser: Any) -> None:
+    """O-27: a mark and a colour for each, the same in list, tiles, map, 3D view and card."""
+    played = Played(16)
+
+    def spied(page: Any) -> None:
+        page.add_init_script(SPY)
+
+    with played, shown(browser, played.url("instructor"), spied) as page:
+        until(lambda: page.locator("[data-robot] .robot-mark[data-look]").count() == 16)
+        listed = page.evaluate(LOOKS, "[data-robot]")
+        assert len(set(listed)) == 16
+        assert page.evaluate(LOOKS, "[data-tile]") == listed
+        for where in ("map", "label"):
+            until(lambda w=where: page.evaluate(f"window.marks['{w}']?.size >= 16"))
+            assert set(page.evaluate(f"[...window.marks['{where}']]")) == set(listed)
+        page.keyboard.press("7")
+        until(lambda: page.evaluate(LOOKS, "[data-panel=card]") == [listed[6]])
