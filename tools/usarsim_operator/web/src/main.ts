@@ -181,6 +181,7 @@ function start(): void {
       input,
       poseOf: (robot: string) => view.poseOf(robot),
       cloud: () => view.cloudDrawn(),
+      eye: () => view.eye(),
       map,
     },
   });
