@@ -124,6 +124,7 @@ class Pulse:
         state = {
             "type": "state",
             "time": station.time,
+            "began": station.began,
             "gateway_clock": station.wall,
             "paused": station.paused,
             "speed": clock.get("speed", 1.0),

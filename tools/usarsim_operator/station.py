@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import itertools
 import math
-from collections.abc import Coroutine, Mapping
+from collections.abc import Coroutine, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -65,6 +65,7 @@ class Station:
         server: the way to the server. robots: all that are known, by name.
         pages: those that have said who they are, by id.
         seats: of operators whose pages ever came.
+        began: simulated s from which the mission counts: 0, or when the world was reset.
         world: its clock, by which reports grow old; it stands while the world is paused.
         recorder: one of them that keeps the session; None if nobody wants that.
         observers: that one, and who else keeps what happens.
@@ -85,6 +86,7 @@ class Station:
         self.robots: dict[str, Driven] = {}
         self.pages: dict[int, Page] = {}
         self.seats: set[int] = set()
+        self.began = 0.0
         self.log = Log("console")
         self.arbiter = Arbiter(settings.latch, self._note)
         self.watchdog = Watchdog()
@@ -393,6 +395,22 @@ class Station:
         facts = {key: message[key] for key in message if key != "type"}
         self.log.bind(**facts).info("intervention")
         self.observers.note("intervention", facts)
+
+    def begin_anew(self, by: str, blocked: Sequence[str] = ()) -> None:
+        """The server has put its world back: so begin the mission's clock, marks, alarms and ways.
+
+        Args:
+            by: who has asked for it. blocked: what could not be put back, and why.
+        """
+        self.began = self.time
+        self.marks.clear()
+        self.alarms.clear()
+        for driven in self.robots.values():
+            driven.telemetry.forget_way()
+            self.stuck[driven.name] = StuckWatch()
+        told = f"{by} has reset the world" + "".join(f"; {one}" for one in blocked)
+        self._note("reset", {"by": by, "blocked": list(blocked)})
+        self.event("", "message", told)
 
     # -- pages --------------------------------------------------------------------------------
 

@@ -63,7 +63,7 @@ export function alarmList(store: Store, link: Link): HTMLElement {
           h(
             "span",
             { class: "number quiet" },
-            (alarm.count > 1 ? `${alarm.count}× ` : "") + clockText(alarm.since),
+            (alarm.count > 1 ? `${alarm.count}× ` : "") + clockText(store.mission(alarm.since)),
           ),
         ),
       ),

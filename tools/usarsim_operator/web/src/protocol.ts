@@ -99,6 +99,8 @@ export interface Zone {
 export interface State {
   type: "state";
   time: number;
+  /** Simulated s from which the mission counts; absent: 0. */
+  began?: number;
   gateway_clock: number;
   paused: boolean;
   speed: number;
