@@ -49,6 +49,7 @@ class Page:
         selected: the robot that it is about. cameras, lasers: robots whose pictures and scans it
             does not want. lines: the robot whose protocol lines it wants; None: of nobody.
         overrun: it was shut out; ended is set then. limited: it drives beyond the limit.
+        ready: a trial may begin as far as it is concerned: it sees, and its pad answers.
         draws: it can draw the world by WebGL. link: what impairs its connection, if anything does.
         clock: how far its clock is from ours.
         deaf: it has no socket, since it is a program's: it says, and is told nothing.
@@ -83,6 +84,7 @@ class Page:
         self.clock = PageClock()
         self.overrun = False
         self.limited = False
+        self.ready = True
         self.deaf = socket is None
         self._socket = socket
         self._delay = delay

@@ -21,7 +21,7 @@ from usarsim_operator.roles import Role
 from usarsim_operator.station import Station
 from usarsim_operator.timed_moves import Rotate, Travel
 
-_NO_INPUT = '{"type":"shown"'  # by the page itself, dozens a second
+_NO_INPUT = '{"type":"shown"', '{"type":"ready"'  # by the page itself
 
 
 class Desk:
@@ -32,6 +32,7 @@ class Desk:
         self._handlers: dict[str, Callable[[Page, Fields, Request], object]] = {
             "ping": self._ping,
             "shown": self._shown,
+            "ready": self._ready,
             "select": self._select,
             "take": self._take,
             "reply": self._reply,
@@ -134,6 +135,10 @@ class Desk:
 
     def _shown(self, page: Page, fields: Fields, request: Request) -> None:
         page.shown(fields["count"])
+
+    def _ready(self, page: Page, fields: Fields, request: Request) -> None:
+        page.ready = fields["on"]
+        self._station.consider(page)
 
     def _robot(self, fields: Fields) -> Driven:
         found = self._station.robots.get(fields["robot"])

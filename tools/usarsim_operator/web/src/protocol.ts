@@ -106,6 +106,8 @@ export interface State {
   speed: number;
   real_time_factor: number;
   estop: { by: string; time: number } | null;
+  /** A trial waits for its operators, see `ready`. */
+  waits?: boolean;
   mission: {
     name: string;
     remaining: number | null;
