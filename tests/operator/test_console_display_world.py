@@ -266,3 +266,85 @@ def test_view_that_takes_too_long_draws_less(browser: Any) -> None:
         end, after = page.evaluate(count)
         # Two a second; the first comes at once, two more as the size changes there and back.
         assert after - before <= 2.0 * (end - start) + 3.0
+
+
+SPY = """
+window.marks = {};
+const plain = Path2D;
+window.Path2D = class extends plain { constructor(d) { super(d); this.d = d; } };
+const fill = CanvasRenderingContext2D.prototype.fill;
+CanvasRenderingContext2D.prototype.fill = function (path, ...more) {
+  if (path?.d) {
+    const where = (window.marks[this.canvas.getAttribute("aria-label") ?? "label"] ??= new Set());
+    where.add(`${path.d} ${this.fillStyle}`);
+  }
+  if (path) fill.call(this, path, ...more);
+  else fill.call(this);
+};
+"""
+LOOKS = """(where) => [...document.querySelectorAll(where)].map((one) => {
+  const path = one.querySelector(".robot-mark path");
+  return `${path.getAttribute("d")} ${path.getAttribute("fill")}`; })"""
+
+
+def test_sixteen_robots_have_sixteen_looks(browser: Any) -> None:
+    """O-27: a mark and a colour for each, the same in list, tiles, map, 3D view and card."""
+    played = Played(16)
+
+    def spied(page: Any) -> None:
+        page.add_init_script(SPY)
+
+    with played, shown(browser, played.url("instructor"), spied) as page:
+        until(lambda: page.locator("[data-robot] .robot-mark[data-look]").count() == 16)
+        listed = page.evaluate(LOOKS, "[data-robot]")
+        assert len(set(listed)) == 16
+        assert page.evaluate(LOOKS, "[data-tile]") == listed
+        for where in ("map", "label"):
+            until(lambda w=where: page.evaluate(f"window.marks['{w}']?.size >= 16"))
+            assert set(page.evaluate(f"[...window.marks['{where}']]")) == set(listed)
+        page.keyboard.press("7")
+        until(lambda: page.evaluate(LOOKS, "[data-panel=card]") == [listed[6]])
+
+
+@pytest.mark.parametrize("role", ["instructor", "operator"])
+def test_orbit_turns_around_the_chosen_robot(browser: Any, role: str) -> None:
+    """Chosen robots are its centre; it leaves first person, and Home comes back from anywhere."""
+    played = Played(4)
+    played.gateway.paused = True
+
+    def eye() -> tuple[NDArray[np.float64], NDArray[np.float64], str]:
+        found = page.evaluate("usarsim.eye()")
+        return np.array(found["at"]), np.array(found["target"]), found["mode"]
+
+    def centred(robot: int, within: float = 0.01) -> bool:
+        x, y, _ = played.gateway.places[robot]
+        at, target, mode = eye()
+        near = math.hypot(target[0] - x, target[1] + y) < within
+        return mode == "orbit" and near and bool(np.linalg.norm(at - target) > 1.0)
+
+    with played, shown(browser, played.url(role)) as page:
+        frames = "document.querySelector('[data-panel=view3d]').dataset.frames > 1"
+        until(lambda: page.evaluate(frames))
+        until(lambda: page.evaluate("usarsim.store.robot?.name === 'R1'"))
+        page.click("[data-robot=R3]")
+        until(lambda: centred(2))
+        before = np.subtract(*eye()[:2])
+        page.keyboard.press("2")
+        until(lambda: centred(1))
+        assert np.subtract(*eye()[:2]) == pytest.approx(before, abs=1e-3)
+
+        page.click("[data-do=choose-first]")
+        x, y, _ = played.gateway.places[1]
+        until(lambda: math.hypot(eye()[0][0] - x, eye()[0][1] + y) < 0.4)
+        page.click("[data-do=choose-orbit]")
+        until(lambda: centred(1, 1.7))  # ahead of it
+        assert eye()[0][2] > 2.0
+
+        home = eye()
+        view = page.locator("[data-panel=view3d] canvas")
+        view.drag_to(view, source_position={"x": 60, "y": 60}, target_position={"x": 160, "y": 90})
+        until(lambda: np.linalg.norm(eye()[0] - home[0]) > 0.5)
+        page.click("[data-do=choose-first]")
+        page.click("[data-do=view-home]")
+        until(lambda: np.linalg.norm(eye()[0] - home[0]) < 0.05)
+        assert page.get_attribute("[data-do=choose-orbit]", "aria-pressed") == "true"

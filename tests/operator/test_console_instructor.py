@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,11 +11,15 @@ import pytest
 
 pytest.importorskip("aiohttp")
 
-from console_browser import Stage, becomes, staged, until
+from console_browser import Stage, becomes, looks_at_pads, staged, until
 from console_harness import gateway
+from PIL import Image
 
+from usarsim_operator import packets
 from usarsim_operator.allowance import Allowance
 from usarsim_operator.roles import Role
+
+BAR = ".ready-bar:not([hidden])"
 
 _SCENARIO = """
 schema = "usar-mission/1"
@@ -93,3 +98,38 @@ async def test_an_instructor_and_what_a_trial_allows(stage: Stage, tmp_path: Pat
             assert not console.station.robots
             assert await ada.evaluate("[...window.usarsim.store.slots.keys()]") in ([], [255])
             assert await ada.locator("[data-tile]").count() == 0
+
+
+async def test_a_page_is_ready_when_its_pad_answers_and_it_sees(stage: Stage) -> None:
+    """A gamepad trial waits for a button of the pad, every trial for the first picture; the page
+    says what for. A pad that goes takes it back, and so does a page that leaves."""
+    jpeg = io.BytesIO()
+    Image.new("RGB", (32, 24)).save(jpeg, "JPEG")
+    async with gateway(stage.tap, allowance=Allowance("gamepad", {})) as console:
+        station = console.station
+        await station.spawn("P3AT", "P1", "RobotStart7")
+        station.waits = True
+        async with stage.page(gateway=console) as page:
+            await page.wait_for_selector(f"{BAR}[data-wants=pad]:has-text('Press any button')")
+            await page.evaluate("plug('Pad')")
+            await looks_at_pads(page)
+            assert await page.locator(f"{BAR}[data-wants=pad]").count() == 1, "it did not answer"
+            await page.evaluate("hold(16)")
+            await page.wait_for_selector(
+                f"{BAR}[data-wants=picture]:has-text('first picture of P1')"
+            )
+            await page.evaluate("hold()")
+            assert not station.ready
+            (one,) = station.pages.values()
+            head = packets.head(packets.PICTURE, station.robots["P1"].index, 1, station.time)
+            one.show("picture", "P1", head + jpeg.getvalue())
+            await page.wait_for_selector(f"{BAR}[data-wants=nothing]:has-text('Ready')")
+            await until(lambda: station.ready == {one.id: 1})
+            await page.evaluate("unplug()")
+            await page.wait_for_selector(f"{BAR}[data-wants=pad]")
+            await until(lambda: not station.ready)
+            await page.evaluate("plug('Pad'); hold(0)")
+            await until(lambda: station.ready)
+            station.waits = False
+            await becomes(page, "document.querySelector('.ready-bar').hidden")
+        await until(lambda: not station.ready)

@@ -16,7 +16,6 @@ import pytest
 
 pytest.importorskip("aiohttp")
 
-import itertools
 
 import aiohttp
 from aiohttp import web

@@ -50,7 +50,7 @@ async def test_a_picture_waits_until_the_page_has_drawn_the_one_before() -> None
 
 
 async def test_the_chosen_robot_comes_first_and_nothing_starves() -> None:
-    """Its picture goes before those that waited longer; between two of it goes one other."""
+    """Its picture goes before those that waited longer; one of the others goes between two."""
     station = VirtualStation()
     page = VirtualPage(station, "Ada", Role.OPERATOR)
     await station.settle()

@@ -21,6 +21,7 @@ from desk_pages import STUDY, Room, Seat, desk, write_study
 
 from usarsim_mission.errors import RunLogError
 from usarsim_mission.match.replaying import replay
+from usarsim_operator.packets import PICTURE
 from usarsim_server.testing import PATIENCE
 from usarsim_study.commands.export import export
 from usarsim_study.dataset import collect
@@ -54,6 +55,7 @@ class Panel:
     def __init__(self, ws: Any) -> None:
         self.ws, self.state = ws, dict[str, Any]()
         self.answers: list[dict[str, Any]] = []
+        self.pictures = 0
         self._stirred = asyncio.Event()
 
     async def read(self) -> None:
@@ -65,7 +67,16 @@ class Panel:
                         self.state = told
                     elif told["type"] == "answer":
                         self.answers.append(told)
-                    self._stirred.set()
+                elif message.data[0] == PICTURE:
+                    self.pictures += 1
+                self._stirred.set()
+
+    async def ping(self) -> None:
+        """Be there by the wall clock, too."""
+        with contextlib.suppress(OSError):
+            while True:
+                await self.ws.send_json({"type": "ping", "clock": 0.0})
+                await asyncio.sleep(1.0)
 
     async def ask(self, type: str, **fields: Any) -> dict[str, Any]:
         """Say something once the trial has begun; what is answered."""
@@ -83,20 +94,21 @@ class Panel:
 
 
 @contextlib.asynccontextmanager
-async def panel(room: Room, page: Seat) -> AsyncIterator[Panel]:
-    """Open the panel that a page is told to show."""
+async def panel(room: Room, page: Seat, **hello: object) -> AsyncIterator[Panel]:
+    """Open the panel that a page is told to show; hello: what its page says more of itself."""
     step = await page.at("panel")
     base, _, words = step["url"].partition("/#")
     token = words.partition("&")[0]
     async with room.http.ws_connect(f"{base}/socket", headers={"Origin": base}) as ws:
-        await ws.send_json({"type": "hello", "token": token, "name": "Page"})
+        await ws.send_json({"type": "hello", "token": token, "name": "Page", **hello})
         one = Panel(ws)
-        reading = asyncio.create_task(one.read())
+        tasks = [asyncio.create_task(work) for work in (one.read(), one.ping())]
         try:
             yield one
         finally:
-            reading.cancel()
-            await asyncio.gather(reading, return_exceptions=True)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
 
 
 def servers() -> list[psutil.Process]:
@@ -231,6 +243,52 @@ def test_a_session_that_is_cut_off_everywhere(tmp_path: Path) -> None:
     assert data.trials[0].values["tlx_raw"] == 35 / 6
     export(folder)
     private(tmp_path)
+
+
+def test_a_trial_waits_until_its_operator_is_ready(tmp_path: Path) -> None:
+    """A page that says `ready` sees robots and first pictures of a world that stands, and nothing
+    it drives counts; a trial that waits in vain is begun by the experimenter."""
+
+    async def go() -> None:
+        async with (
+            desk(write_study(tmp_path, STUDY), trials) as room,
+            room.seat() as page,
+            room.experimenter() as leader,
+        ):
+            await begin(page)
+            await page.press("Trial 1")
+            async with panel(room, page, ready=True) as drives:
+                await drives.until(lambda: drives.state.get("robots"))
+                await drives.ws.send_json({"type": "select", "robot": "R1"})
+                await drives.ws.send_json({"type": "take", "robot": "R1"})
+                began = drives.state["time"]
+                await drives.until(lambda: drives.pictures)
+                for _ in range(5):
+                    drives.state = {}
+                    await drives.until(lambda: drives.state)
+                    assert drives.state["waits"]
+                    assert drives.state["time"] == began
+                    assert drives.state["robots"][0]["holder"] is None
+                await drives.ws.send_json({"type": "ready", "on": True})
+                await drives.until(lambda: drives.state["time"] > began)
+                assert not drives.state["waits"]
+                await drives.until(lambda: drives.state["robots"][0]["holder"])
+                await leader.ask("order", "done", do="end_trial")
+                await page.fill_in("workload", mental=35)
+            await page.press("Break")
+            await page.press("Trial 2")
+            async with panel(room, page, ready=True) as drives:
+                await drives.until(lambda: drives.state.get("waits"))
+                await leader.ask("order", "done", do="next")
+                await drives.until(lambda: drives.state["time"] > began)
+
+    asyncio.run(go())
+    folder = StudyFolder(tmp_path)
+    (who,) = folder.participants()
+    first = folder.attempts(who.code)[0]
+    assert first.status == "complete"
+    again = asyncio.run(replay(first.path, tmp_path / "again"))  # with what was said before
+    assert again["values"]["LO"] == 0.0
 
 
 def test_two_operators_train_and_share(tmp_path: Path) -> None:

@@ -108,6 +108,10 @@ class Alarms:
         for key in [one for one in self._alarms if one[0] == robot]:
             del self._alarms[key]
 
+    def clear(self) -> None:
+        """The world has begun anew: what is still so is told as new."""
+        self._alarms.clear()
+
     def shown(self) -> tuple[list[dict[str, object]], int]:
         """The worst as `state` tells them, and how many more there are."""
         order = sorted(

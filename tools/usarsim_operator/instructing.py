@@ -48,9 +48,14 @@ class Instructing:
         if scene is None or not scene.features["pace"]:
             raise ValueError("this server's clock cannot be changed")
 
+        if fields["action"] == "reset":
+            self._free()
+
         async def pace() -> None:
             assert scene is not None
-            await scene.request("pace", **fields)
+            reply = await scene.request("pace", **fields)
+            if fields["action"] == "reset":
+                self._station.begin_anew(page.name, reply.get("blocked", ()))
 
         return self._later(page, request, pace())
 

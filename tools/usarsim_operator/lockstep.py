@@ -34,8 +34,10 @@ if TYPE_CHECKING:
     from usarsim_operator.station import Station
 
 SYNC = say("SYNC")
-AT_ONCE = ("ping", "shown")
-"""Texts that measure the way to a page; no rule hears them."""
+AT_ONCE = ("ping", "shown", "ready")
+"""Texts about a page and the way to it; no rule of the world hears them."""
+LOOKING = ("select", "camera", "laser")
+"""Texts that count before the world goes, too."""
 IDLE = 0.02
 """s of wall time between two looks at what pages say while no robot of ours is there."""
 WAIT = 0.05
@@ -75,6 +77,7 @@ class _Input:
 
     page: Page
     act: Callable[[], None]
+    looks: bool = True  # it may count while the world does not go yet
 
 
 class Lockstep:
@@ -111,13 +114,14 @@ class Lockstep:
         """A page says something: it counts at the next tick, unless it is only about the link."""
         self._heard[page.id] = heard = self._station.wall
         try:
-            at_once = messages.read(text).type in AT_ONCE
+            kind = messages.read(text).type
         except PageError:
-            at_once = False
-        if at_once:
+            kind = ""
+        if kind in AT_ONCE:
             desk.obey(page, text)
         else:
-            self._inputs.append(_Input(page, lambda: desk.obey(page, text, heard)))
+            act = lambda: desk.obey(page, text, heard)  # noqa: E731
+            self._inputs.append(_Input(page, act, kind in LOOKING))
 
     def defer(self, page: Page, on: bool) -> bool:
         """A page comes or goes; whether that has to wait for the next tick."""
@@ -174,14 +178,7 @@ class Lockstep:
     async def round(self, pulse: Pulse) -> None:
         """Do all that belongs to the tick at which the world stands, and go to the next."""
         station = self._station
-        if not self._begun:
-            self._begun = True
-            pulse.restart()
-            await self._begin()
-        for voice in self._present():
-            values, voice.values = voice.values, []
-            for value in values:
-                station.take(voice.driven, value)
+        await self._stand(pulse)
         if station.signals is not None:
             await station.signals.at(self.time)
         pulse.beat()
@@ -193,6 +190,31 @@ class Lockstep:
         for voice in self._present():
             await self._tell(voice)
         await self._go_on()
+
+    async def attend(self, pulse: Pulse) -> None:
+        """Let pages in and show them the world while it does not go yet: nobody drives in it."""
+        await self._stand(pulse)
+        waiting: list[_Input] = []
+        while self._inputs:
+            one = self._inputs.popleft()
+            if one.looks:
+                await self._apply(one)
+            else:
+                waiting.append(one)
+        self._inputs.extend(waiting)
+        pulse.restart()
+        pulse.beat()
+
+    async def _stand(self, pulse: Pulse) -> None:
+        """Begin, if that was not done, and take what robots have said at this tick."""
+        if not self._begun:
+            self._begun = True
+            pulse.restart()
+            await self._begin()
+        for voice in self._present():
+            values, voice.values = voice.values, []
+            for value in values:
+                self._station.take(voice.driven, value)
 
     async def _tell(self, voice: _Voice) -> None:
         """Tell a robot what follows; with SYNC, and in one piece, if nobody is waited for."""

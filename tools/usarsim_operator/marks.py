@@ -54,6 +54,10 @@ class Marks:
         if self._marks.pop(number, None) is None:
             raise ValueError(f"there is no mark {number}")
 
+    def clear(self) -> None:
+        """Remove all; numbers go on."""
+        self._marks.clear()
+
     def row(self, number: int) -> dict[str, object]:
         """One that is there."""
         return self._marks[number]

@@ -51,6 +51,7 @@ class Page:
             does not want. lines: the robot whose protocol lines it wants; None: of nobody.
         overrun: it was shut out; ended is set then. displaced: since another page took its place.
         limited: it drives beyond the limit.
+        ready: a trial may begin as far as it is concerned: it sees, and its pad answers.
         draws: it can draw the world by WebGL. link: what impairs its connection, if anything does.
         clock: how far its clock is from ours.
         deaf: it has no socket, since it is a program's: it says, and is told nothing.
@@ -85,6 +86,7 @@ class Page:
         self.clock = PageClock()
         self.overrun = self.displaced = False
         self.limited = False
+        self.ready = True
         self.deaf = socket is None
         self._socket = socket
         self._delay = delay

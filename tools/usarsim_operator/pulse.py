@@ -124,10 +124,12 @@ class Pulse:
         state = {
             "type": "state",
             "time": station.time,
+            "began": station.began,
             "gateway_clock": station.wall,
             "paused": station.paused,
             "speed": clock.get("speed", 1.0),
             "real_time_factor": clock.get("real_time_factor", round(self.real_time_factor, 2)),
+            "waits": station.waits,
             "estop": None if stop is None else {"by": stop.by, "time": stop.time},
             "mission": None if station.mission is None else station.mission.shown,
             "robots": [self._row(one, now) for one in station.robots.values()],

@@ -22,6 +22,7 @@ from usarsim_operator.station import Station
 from usarsim_operator.timed_moves import Rotate, Travel
 
 _SHOWN = '{"type":"shown"'  # by the page itself, dozens a second
+_NO_INPUT = _SHOWN, '{"type":"ready"'  # by the page itself
 
 
 class Desk:
@@ -32,6 +33,7 @@ class Desk:
         self._handlers: dict[str, Callable[[Page, Fields, Request], object]] = {
             "ping": self._ping,
             "shown": self._shown,
+            "ready": self._ready,
             "select": self._select,
             "take": self._take,
             "reply": self._reply,
@@ -115,7 +117,7 @@ class Desk:
             self._pong(page, request)
             page.answer(request.id, True)
             return
-        if not text.startswith(_SHOWN):
+        if not text.startswith(_NO_INPUT):
             station.observers.input(page, text, station.wall if heard is None else heard)
         try:
             result = handler(page, request.fields, request)
@@ -154,6 +156,10 @@ class Desk:
 
     def _shown(self, page: Page, fields: Fields, request: Request) -> None:
         page.shown(fields["count"])
+
+    def _ready(self, page: Page, fields: Fields, request: Request) -> None:
+        page.ready = fields["on"]
+        self._station.consider(page)
 
     def _robot(self, fields: Fields) -> Driven:
         found = self._station.robots.get(fields["robot"])

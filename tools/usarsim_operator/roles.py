@@ -45,7 +45,7 @@ class Role(Enum):
         return self is Role.INSTRUCTOR or kind not in _INSTRUCTOR
 
 
-_ALL = frozenset({"hello", "ping", "shown", "select", "camera", "laser"})
+_ALL = frozenset({"hello", "ping", "shown", "ready", "select", "camera", "laser"})
 _INSTRUCTOR = frozenset({"pace", "lines", "inject", "load", "close"})
 
 

@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import itertools
 import math
-from collections.abc import Coroutine, Mapping
+from collections.abc import Coroutine, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -64,7 +64,9 @@ class Station:
     Attributes:
         server: the way to the server. robots: all that are known, by name.
         pages: those that have said who they are, by id.
-        seats: of operators whose pages ever came.
+        ready: seats of operators who are ready for a trial to begin, by the ids of their pages.
+        waits: a trial waits for them.
+        began: simulated s from which the mission counts: 0, or when the world was reset.
         world: its clock, by which reports grow old; it stands while the world is paused.
         recorder: one of them that keeps the session; None if nobody wants that.
         observers: that one, and who else keeps what happens.
@@ -84,7 +86,9 @@ class Station:
         )
         self.robots: dict[str, Driven] = {}
         self.pages: dict[int, Page] = {}
-        self.seats: set[int] = set()
+        self.ready: dict[int, int] = {}
+        self.waits = False
+        self.began = 0.0
         self.log = Log("console")
         self.arbiter = Arbiter(settings.latch, self._note)
         self.watchdog = Watchdog()
@@ -394,12 +398,27 @@ class Station:
         self.log.bind(**facts).info("intervention")
         self.observers.note("intervention", facts)
 
+    def begin_anew(self, by: str, blocked: Sequence[str] = ()) -> None:
+        """The server has put its world back: so begin the mission's clock, marks, alarms and ways.
+
+        Args:
+            by: who has asked for it. blocked: what could not be put back, and why.
+        """
+        self.began = self.time
+        self.marks.clear()
+        self.alarms.clear()
+        for driven in self.robots.values():
+            driven.telemetry.forget_way()
+            self.stuck[driven.name] = StuckWatch()
+        told = f"{by} has reset the world" + "".join(f"; {one}" for one in blocked)
+        self._note("reset", {"by": by, "blocked": list(blocked)})
+        self.event("", "message", told)
+
     # -- pages --------------------------------------------------------------------------------
 
     def join(self, page: Page) -> None:
         """A page has said who it is."""
-        if page.role is Role.OPERATOR:
-            self.seats.add(page.seat)
+        self.consider(page)
         if self.lockstep is not None and self.lockstep.defer(page, True):
             return
         self.pages[page.id] = page
@@ -411,12 +430,20 @@ class Station:
         self._note("page comes", facts)
         self.look()
 
+    def consider(self, page: Page) -> None:
+        """Note whether an operator is ready for a trial to begin."""
+        if page.role is Role.OPERATOR and page.ready:
+            self.ready[page.id] = page.seat
+        else:
+            self.ready.pop(page.id, None)
+
     def new_id(self) -> int:
         """Of a page."""
         return next(self._page_ids)
 
     def leave(self, page: Page) -> None:
         """A page has gone: what it moved stops, what it held is free."""
+        self.ready.pop(page.id, None)
         if self.lockstep is not None and self.lockstep.defer(page, False):
             return
         if self.pages.pop(page.id, None) is None:

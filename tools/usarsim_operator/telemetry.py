@@ -211,6 +211,11 @@ class Telemetry:
             if len(self.path) > _MOST_PLACES:
                 self.path = [*self.path[:-1:2], self.path[-1]]
 
+    def forget_way(self) -> None:
+        """Its way begins where it is now."""
+        self.path.clear()
+        self.path_version += 1
+
     def place_at(self, time: float) -> tuple[float, float, float] | None:
         """x, y (m), yaw (rad) at a simulated time near that of the newest pose, by its last two.
 

@@ -168,6 +168,7 @@ class Web:
                         page.link, page.draws = link, request.fields.get("webgl", True)
                         page.deflate = int(socket.compress)
                         page.uptake.tells = request.fields.get("shown", False)
+                        page.ready = not request.fields.get("ready", False)
                         self._give_place(page)
                         try:
                             await socket.send_json(self._welcome(page))

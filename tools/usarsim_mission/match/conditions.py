@@ -42,7 +42,8 @@ class Conditions:
         robots: only the first so many of the mission; None: all.
         unattended: what robots do that nobody drives; None: as the mission says.
         impair: file with what the links to pages are like; None: as the mission says.
-        pages: the trial begins once so many operators have opened their pages; until then the
+        pages: the trial begins once so many operators are ready: their pages are open, show the
+            first picture, and the pad of whoever needs one has answered; until then the
             world stands still.
         facts: what the record `session` tells beside its own, such as who takes part.
     """

@@ -53,7 +53,7 @@ PATIENCE = 300.0
 """s of wall time that a team has to bring its first robot."""
 IMPAIR = "impair.toml"
 _HOST = "127.0.0.1"
-_LOOK = 0.02  # s of wall time between two looks whether pages are there
+_LOOK = 0.1  # s of wall time between two looks whether pages are ready
 _EVERY = 0.1  # simulated s between two rows of truth
 _PICTURES = 0.25  # per simulated s of each camera, where time goes by too quickly to look at more
 _TICK_OF_PEOPLE = 0.05  # simulated s from what a person does to what a robot does, at most
@@ -73,6 +73,7 @@ class Trial:
         self._row: TruthRow | None = None
         self._mapped = float("-inf")
         self._asked: tuple[str, str] | None = None
+        self._unasked = True
         self._operator: SyntheticOperator | None = None
         self._injects = Injects(self._staged.events)
         self._live: LiveRun
@@ -129,6 +130,17 @@ class Trial:
             why: `operator` or `aborted`. text: in words.
         """
         self._asked = self._asked or (why, text)
+
+    @property
+    def waits_for(self) -> int:
+        """Operators who are not ready yet, and without whom it does not begin."""
+        missing = self._conditions.pages - len(set(self._station.ready.values()))
+        return max(0, missing) if self._unasked else 0
+
+    def begin(self) -> bool:
+        """Wait for nobody any more; False if it has begun, or does not wait yet."""
+        waited, self._unasked = self._unasked and self._station.waits, False
+        return waited
 
     def tell(self, kind: str, **facts: Any) -> None:
         """Log something that happens now, such as a probe."""
@@ -220,13 +232,17 @@ class Trial:
                 await self._start_controllers(programs)
             else:
                 await self._bring_robots()
+            station.waits = self._conditions.pages > 0
             await self._let_in(stack)
             failed = asyncio.create_task(programs.failed())
             stack.callback(failed.cancel)
-            while len(station.seats) < self._conditions.pages and not failed.done():
+            while self.waits_for > 0 and not failed.done():
                 if self._asked is not None:
                     break
+                if station.lockstep is not None:
+                    await station.lockstep.attend(self._pulse)
                 await asyncio.sleep(_LOOK)
+            station.waits = self._unasked = False
             await self._judge(truth, failed)
 
     async def _let_in(self, stack: contextlib.AsyncExitStack) -> None:

@@ -50,6 +50,13 @@ SCRIPT = """
     send.call(this, data);
     if (drives) for (const settle of heard.splice(0)) settle();
   };
+  // A trial waits until a pad has answered: by a button that does nothing.
+  window.setInterval(() => {
+    if (!document.querySelector('.ready-bar:not([hidden])[data-wants="pad"]')) return;
+    if (!there) hands.plug();
+    hands.hold(16);
+    setTimeout(() => hands.hold(), 200);
+  }, 300);
   // A slow screen: nobody looks at it, and what it shows costs most.
   const every = window.setInterval.bind(window);
   window.setInterval = (run, ms, ...more) => every(run, ms < 50 ? ms : Math.max(ms, 500), ...more);

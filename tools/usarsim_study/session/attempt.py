@@ -192,7 +192,9 @@ class Attempt:
         operators = [url + more for who, url in urls.items() if who.startswith("operator")]
         seats = dict(enumerate(operators[: self.operators], start=1))
         line = panel_line(self._study, self.step)
-        self.desk.panels = Panels(self.step.number, seats, line, self._end, self._inject)
+        self.desk.panels = Panels(
+            self.step.number, seats, line, self._end, self._inject, self._begin_now
+        )
         self.desk.panels.watch |= {
             "panel": urls.get("instructor"),
             "robots": list(self.scene.robots),
@@ -218,6 +220,12 @@ class Attempt:
                 self.trial.end("aborted", why)
         if self.desk.probe is not None:
             self.desk.probe.done.set()
+
+    def _begin_now(self) -> bool:
+        begun = self.trial is not None and self.trial.begin()
+        if begun:
+            self.desk.log("begins, though not everybody is ready")
+        return begun
 
     async def _inject(self, told: dict[str, Any]) -> str:
         """Make something happen, as the experimenter wants; why it did not."""

@@ -426,7 +426,7 @@ class Desk:
                 state.done = True
             self.probe.done.set()
             return
-        went = False
+        went = self.panels is not None and self.panels.begin()
         for seat in self.seats:
             step = self.step(seat)
             if step.kind == "form" and step.task is not None:

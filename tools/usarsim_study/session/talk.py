@@ -57,7 +57,8 @@ class Panels:
     Attributes:
         step: number of the step `panel`. urls: of the gateway's page, by seat.
         line: above it. end: ends it, by what status and why; `complete`: it counts as it is.
-        inject: makes something happen; why it did not. watch: how it goes, for overviews.
+        inject: makes something happen; why it did not. begin: lets it wait for nobody any more;
+            False where it does not wait. watch: how it goes, for overviews.
     """
 
     step: int
@@ -65,6 +66,7 @@ class Panels:
     line: str
     end: Callable[[str, str], None]
     inject: Callable[[dict[str, Any]], Awaitable[str]]
+    begin: Callable[[], bool] = lambda: False
     watch: Message = field(default_factory=dict)
 
 

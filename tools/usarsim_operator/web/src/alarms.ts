@@ -3,6 +3,7 @@
 import { dialog } from "./dialog";
 import { button, h, panel, say } from "./dom";
 import type { Link } from "./link";
+import { markIcon } from "./looks";
 import type { Alarm, Vector } from "./protocol";
 import { clockText } from "./staleness";
 import type { Store } from "./store";
@@ -53,6 +54,7 @@ export function alarmList(store: Store, link: Link): HTMLElement {
             { class: "sign", "aria-label": `severity ${alarm.severity}` },
             SIGNS[alarm.severity],
           ),
+          markOf(store, alarm.robot),
           h(
             "button",
             { type: "button", class: "plain", onclick: () => store.select(alarm.robot) },
@@ -61,13 +63,19 @@ export function alarmList(store: Store, link: Link): HTMLElement {
           h(
             "span",
             { class: "number quiet" },
-            (alarm.count > 1 ? `${alarm.count}× ` : "") + clockText(alarm.since),
+            (alarm.count > 1 ? `${alarm.count}× ` : "") + clockText(store.mission(alarm.since)),
           ),
         ),
       ),
     );
   });
   return element;
+}
+
+/** The mark of a robot by its name; none of one that has left. */
+function markOf(store: Store, name: string): Element | null {
+  const robot = store.robots.find((one) => one.name === name);
+  return robot ? markIcon(robot.index) : null;
 }
 
 export function acknowledgeFirst(store: Store, link: Link): void {

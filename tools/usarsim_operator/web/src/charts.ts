@@ -2,7 +2,8 @@
 // tells one, else how long ago the robot was heard).
 
 import uPlot from "uplot";
-import { button, colour, h, mark, panel, rem, robotColour, say } from "./dom";
+import { button, colour, h, mark, panel, rem, say } from "./dom";
+import { robotColour } from "./looks";
 import { agoText } from "./staleness";
 import type { Sample, Store } from "./store";
 import { emptyNote, waitText } from "./waiting";

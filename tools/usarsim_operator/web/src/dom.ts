@@ -128,10 +128,3 @@ export function colour(name: string): string {
 export function forgetColours(): void {
   cache.clear();
 }
-
-/** Wong's colours, told apart with every kind of colour vision; robots take them in turn. */
-export const ROBOT_COLOURS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00"];
-
-export function robotColour(index: number): string {
-  return ROBOT_COLOURS[index % ROBOT_COLOURS.length] ?? "#0072b2";
-}

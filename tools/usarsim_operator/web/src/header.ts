@@ -10,12 +10,23 @@ import { stopButton } from "./stop";
 import { pageTime, type Store } from "./store";
 import { switchTheme } from "./theme";
 
+const RESETS = [
+  [
+    "Goes back",
+    "every robot to where it came in; doors, lifts, obstacles, victims, crates, conveyors, tags and batteries.",
+  ],
+  ["Begins anew", "the clock of the mission, marks, alarms, and the ways on the map."],
+  [
+    "Goes on",
+    "simulated time, odometry, the map that robots have made, who holds which robot, and smoke.",
+  ],
+] as const;
 const SPEEDS = [0.25, 0.5, 1, 2, 4];
 
 export function header(store: Store, link: Link, openKeys: () => void): HTMLElement {
   const clock = h(
     "output",
-    { class: "clock", "data-clock": true, "aria-label": "simulated time" },
+    { class: "clock", "data-clock": true, "aria-label": "time of the mission" },
     "--:--",
   );
   const remaining = h("span", { class: "quiet", "data-remaining": true });
@@ -53,7 +64,9 @@ export function header(store: Store, link: Link, openKeys: () => void): HTMLElem
     const silent = isStale(store.ages.silence(now));
     mark(element, "data-stale", silent);
     if (told) {
-      say(clock, clockText(store.ages.simulated(now)));
+      const time = store.ages.simulated(now);
+      say(clock, clockText(store.mission(time)));
+      clock.title = `simulated time ${clockText(time)}`;
       say(remaining, missionText(told.mission));
       mark(remaining, "data-score", told.mission?.score?.toString() ?? null);
       say(scenario, told.mission?.name ?? store.welcome?.server.level ?? "");
@@ -134,13 +147,11 @@ function paceTools(store: Store, link: Link): HTMLElement {
   );
   speed.value = "1";
   speed.addEventListener("change", () => act("speed", { factor: Number(speed.value) }));
-  let sure = 0;
   const reset = button("Reset", "reset", () => {
-    if (pageTime() - sure < 3) act("reset");
-    sure = pageTime() - sure < 3 ? 0 : pageTime();
-    say(reset, sure ? "Sure?" : "Reset");
-    setTimeout(() => say(reset, "Reset"), 3000);
+    const body = RESETS.map(([what, which]) => h("p", {}, h("b", {}, `${what}: `), which));
+    dialog("Reset the world?", body, "Reset", () => act("reset"));
   });
+  reset.title = "begin the mission anew; asks first, and says what it resets";
   const element = h(
     "div",
     { class: "pace", "data-pace": true, hidden: true },

@@ -62,6 +62,8 @@ export class Input {
   readonly pad: Pad;
   touch: Wish = NEUTRAL;
   wish: Wish = NEUTRAL;
+  /** A button of a pad whose layout is known was pressed, and that pad is still there. */
+  padAnswered = false;
   device: Device | null = null;
   padName = "";
   acts: Partial<Record<Action | PadAction, () => void>> = {};
@@ -145,6 +147,7 @@ export class Input {
   private padLost(): void {
     if (this.padName === "") return;
     this.padName = "";
+    this.padAnswered = false;
     this.store.tell("notice", "the pad is gone: what it drove stops");
   }
 
@@ -251,6 +254,7 @@ export class Input {
     if (this.padName !== "" && this.padName !== pad.id && !pads.some((p) => p.id === this.padName))
       this.padLost();
     this.padName = pad.id;
+    if (pad.buttons.some((button) => button.pressed)) this.padAnswered = true;
     return this.pad.wish(pad);
   }
 

@@ -72,7 +72,15 @@ export class Link {
       // Who cannot draw the world itself is sent a picture of it.
       const { webgl } = graphics();
       socket.send(
-        JSON.stringify({ type: "hello", token, name, clock: pageTime(), webgl, shown: true }),
+        JSON.stringify({
+          type: "hello",
+          token,
+          name,
+          clock: pageTime(),
+          webgl,
+          shown: true,
+          ready: true,
+        }),
       );
     };
     socket.onmessage = (event) => this.heard(event.data, socket);

@@ -13,6 +13,7 @@ import { laser } from "./laser";
 import { lines } from "./lines";
 import { Link } from "./link";
 import { MapView } from "./map";
+import { readyBar } from "./ready";
 import { remapDialog, savedPads } from "./remap";
 import { robotCard, robotList, takeOrBack } from "./robots";
 import { placeOfColumn } from "./sighting";
@@ -168,7 +169,13 @@ function start(): void {
   tabs.classList.add("tabs");
   document.body.append(
     header(store, link, () => keysDialog(store, session, bindings, apply)),
-    h("div", { class: "banners" }, stopBar(store, link), questions(store, link)),
+    h(
+      "div",
+      { class: "banners" },
+      stopBar(store, link),
+      readyBar(store, link, input),
+      questions(store, link),
+    ),
     tabs,
     main,
     touchSticks(store, input),
@@ -183,6 +190,7 @@ function start(): void {
       input,
       poseOf: (robot: string) => view.poseOf(robot),
       cloud: () => view.cloudDrawn(),
+      eye: () => view.eye(),
       map,
     },
   });

@@ -1,7 +1,8 @@
 // The map: what scans have shown, zones, paths, robots, marks; each layer can be switched off. North (x) is
 // up, right (y) is right. Drag moves, the wheel zooms, a double click marks a victim.
 
-import { button, colour, h, mark, panel, rem, robotColour, Surface } from "./dom";
+import { button, colour, h, mark, panel, rem, Surface } from "./dom";
+import { drawMark, robotColour } from "./looks";
 import type { Grid, Robot, Vector, Zone } from "./protocol";
 import { LOOK_MS } from "./staleness";
 import type { Store } from "./store";
@@ -259,25 +260,17 @@ export class MapView {
     if (!robot.pose) return;
     const [x, y] = this.screen(robot.pose[0], robot.pose[1]);
     const chosen = robot.name === this.store.selected;
-    g.save();
-    g.translate(x, y);
-    g.rotate(robot.pose[5]);
-    g.scale(rem(1), rem(1));
-    g.beginPath();
-    g.moveTo(0, -9);
-    g.lineTo(-6, 7);
-    g.lineTo(0, 4);
-    g.lineTo(6, 7);
-    g.closePath();
-    g.fillStyle = robotColour(robot.index);
-    g.fill();
-    g.lineWidth = chosen ? 2 : 1;
-    g.strokeStyle = colour(chosen ? "text" : "panel");
-    g.stroke();
-    g.restore();
+    drawMark(g, robot.index, {
+      x,
+      y,
+      radius: rem(chosen ? 7 : 6),
+      edge: colour(chosen ? "text" : "panel"),
+      width: chosen ? 2 : 1,
+      heading: robot.pose[5],
+    });
     g.fillStyle = colour("text");
     g.font = `${chosen ? 600 : 400} ${rem(11)}px ${colour("font")}`;
-    g.fillText(robot.name, x + rem(9), y + rem(4));
+    g.fillText(robot.name, x + rem(11), y + rem(4));
   }
 
   private drawScale(g: CanvasRenderingContext2D): void {

@@ -99,11 +99,15 @@ export interface Zone {
 export interface State {
   type: "state";
   time: number;
+  /** Simulated s from which the mission counts; absent: 0. */
+  began?: number;
   gateway_clock: number;
   paused: boolean;
   speed: number;
   real_time_factor: number;
   estop: { by: string; time: number } | null;
+  /** A trial waits for its operators, see `ready`. */
+  waits?: boolean;
   mission: {
     name: string;
     remaining: number | null;

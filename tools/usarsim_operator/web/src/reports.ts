@@ -3,8 +3,9 @@
 
 import * as THREE from "three";
 import { mergeGeometries } from "three/examples/jsm/utils/BufferGeometryUtils.js";
-import { colour, robotColour } from "./dom";
+import { colour } from "./dom";
 import { matt } from "./gl";
+import { drawMark, robotColour } from "./looks";
 import { type Grid, type Kind, type Pose, SPECTATOR, scanPoints, toWorld } from "./protocol";
 import type { Store } from "./store";
 
@@ -253,7 +254,7 @@ export class Labels {
     for (const [name, { at, index, chosen }] of places) {
       let sprite = this.made.get(name);
       if (!sprite) {
-        sprite = label(name, robotColour(index));
+        sprite = label(name, index);
         this.made.set(name, sprite);
         this.group.add(sprite);
       }
@@ -263,24 +264,23 @@ export class Labels {
   }
 }
 
-function label(name: string, tint: string): THREE.Sprite {
+function label(name: string, index: number): THREE.Sprite {
   const canvas = document.createElement("canvas");
   const g = canvas.getContext("2d");
   const text = name.length > 18 ? `${name.slice(0, 17)}…` : name;
   const font = "600 30px system-ui, sans-serif";
   if (!g) return new THREE.Sprite();
   g.font = font;
-  canvas.width = Math.ceil(g.measureText(text).width) + 36;
+  canvas.width = Math.ceil(g.measureText(text).width) + 50;
   canvas.height = 44;
   g.font = font;
   g.fillStyle = "#0d1116cc";
   g.beginPath();
   g.roundRect(0, 0, canvas.width, 44, 10);
   g.fill();
-  g.fillStyle = tint;
-  g.fillRect(8, 8, 7, 28);
+  drawMark(g, index, { x: 21, y: 22, radius: 11, edge: "#ffffff" });
   g.fillStyle = "#ffffff";
-  g.fillText(text, 24, 33);
+  g.fillText(text, 40, 33);
   const map = new THREE.CanvasTexture(canvas);
   map.colorSpace = THREE.SRGBColorSpace;
   const paint = new THREE.SpriteMaterial({ map, sizeAttenuation: false, depthTest: false });

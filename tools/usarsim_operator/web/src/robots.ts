@@ -1,8 +1,9 @@
 // The list of robots, and the card of the chosen one: who drives, mode, battery, link, bumpers, sensors.
 
-import { button, h, mark, panel, robotColour, say } from "./dom";
+import { button, h, mark, panel, say } from "./dom";
 import { isOthers } from "./input";
 import type { Link } from "./link";
+import { markIcon, robotColour, setMark } from "./looks";
 import { more } from "./more";
 import type { Robot } from "./protocol";
 import { ageText, isStale, LOOK_MS } from "./staleness";
@@ -58,6 +59,7 @@ export function robotList(store: Store): HTMLElement {
       const part = (name: string): Element => row.querySelector(`[data-f="${name}"]`) ?? row;
       const selected = robot.name === store.selected;
       row.style.setProperty("--robot", robotColour(robot.index));
+      setMark(part("mark"), robot.index);
       row.dataset.robot = robot.name;
       mark(row, "aria-selected", selected);
       if (selected) list.setAttribute("aria-activedescendant", row.id);
@@ -84,11 +86,14 @@ export function robotList(store: Store): HTMLElement {
 }
 
 function robotRow(select: () => void): HTMLElement {
+  const icon = markIcon();
+  mark(icon, "data-f", "mark");
   const f = (name: string, cls: string): HTMLElement => h("span", { class: cls, "data-f": name });
   return h(
     "div",
     { class: "robot-row", role: "option", onclick: select },
     f("digit", "digit"),
+    icon,
     h("span", { class: "robot-names" }, f("name", "robot-name"), f("class", "quiet")),
     h(
       "span",
@@ -153,6 +158,7 @@ export function robotCard(store: Store, link: Link): HTMLElement {
     "aria-label": "sensors",
     tabindex: "0",
   });
+  const icon = markIcon();
   const title = h("h2", { "data-selected": true }, "No robot");
   const element = h(
     "section",
@@ -160,6 +166,7 @@ export function robotCard(store: Store, link: Link): HTMLElement {
     h(
       "div",
       { class: "panel-head" },
+      icon,
       title,
       h("div", { class: "tools" }, take, force, enable, light),
     ),
@@ -199,6 +206,7 @@ export function robotCard(store: Store, link: Link): HTMLElement {
     const age = store.ages.ofReport(robot.pose_age, now);
     mark(element, "data-stale", isStale(store.ages.silence(now)) || isStale(age));
     say(title, robot.name);
+    setMark(icon, robot.index);
     set("holder", holderText(store, robot));
     const policy = robot.mode === "autonomous" ? robot.policy : null;
     set(

@@ -58,7 +58,10 @@ export function stopBar(store: Store, link: Link): HTMLElement {
     const stop = store.state?.estop;
     element.hidden = !stop;
     release.hidden = store.welcome?.role === "viewer";
-    say(text, stop ? `Every robot is stopped, by ${stop.by} at ${clockText(stop.time)}` : "");
+    say(
+      text,
+      stop ? `Every robot is stopped, by ${stop.by} at ${clockText(store.mission(stop.time))}` : "",
+    );
   };
   for (const topic of ["state", "welcome"] as const) store.on(topic, draw);
   return element;

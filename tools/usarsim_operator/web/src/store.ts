@@ -113,6 +113,11 @@ export class Store {
     return !this.ages.still && heard.length > 0 && heard.every(isStale);
   }
 
+  /** A simulated time as the mission counts, from the last reset of the world on, s. */
+  mission(time: number): number {
+    return time - (this.state?.began ?? 0);
+  }
+
   get mine(): boolean {
     const holder = this.robot?.holder;
     return !!holder && holder.page !== null && holder.page === this.welcome?.page;

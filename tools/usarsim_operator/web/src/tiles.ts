@@ -1,9 +1,10 @@
 // Camera tiles, one per robot; the chosen one is larger. A picture older than 1 s is greyed and says so; a
 // camera that is off or absent shows no picture at all.
 
-import { button, flat, h, mark, rem, robotColour, say } from "./dom";
+import { button, flat, h, mark, rem, say } from "./dom";
 import { layout } from "./grid";
 import type { Link } from "./link";
+import { markIcon, robotColour, setMark } from "./looks";
 import type { Robot } from "./protocol";
 import { ageText, isStale, LOOK_MS } from "./staleness";
 import { pageTime, type Store } from "./store";
@@ -24,6 +25,7 @@ const LEAST = 150;
 class Tile {
   readonly element: HTMLElement;
   readonly canvas = h("canvas", { width: 320, height: 240 });
+  private readonly mark = markIcon();
   private readonly name = h("span", { class: "tile-name", "data-name": true });
   private readonly age = h("span", { class: "tile-age", "data-age": true });
   private readonly zone = h("span", { class: "zone", "data-zone": "" });
@@ -40,7 +42,7 @@ class Tile {
       this.front,
       this.rear,
       this.note,
-      h("span", { class: "tile-top" }, this.name, this.zone, this.age),
+      h("span", { class: "tile-top" }, this.mark, this.name, this.zone, this.age),
       this.facts,
     );
     this.element.addEventListener("click", (event) => {
@@ -94,6 +96,7 @@ class Tile {
     say(this.facts, [robot.mode, battery].filter((text) => text !== "").join(" · "));
     ring(this.front, robot, "front");
     ring(this.rear, robot, "rear");
+    setMark(this.mark, robot.index);
     this.element.style.setProperty("--robot", robotColour(robot.index));
   }
 }

@@ -3,7 +3,7 @@
 
 import * as THREE from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
-import { choice, colour, h, mark, panel } from "./dom";
+import { button, choice, colour, h, mark, panel } from "./dom";
 import { graphics } from "./gl";
 import { FramePace } from "./pace";
 import { type Message, SPECTATOR } from "./protocol";
@@ -59,20 +59,24 @@ export class View3D {
       "eye",
       { orbit: "Orbit", follow: "Follow", first: "First person" },
       "orbit",
-      (mode) => {
-        this.mode = mode;
-        this.placed ||= mode === "first";
-        if (mode === "follow") this.lookAtRobot();
-        if (this.controls) this.controls.enabled = mode !== "first";
-        this.follow();
+      (mode) => this.enter(mode),
+    );
+    const home = button(
+      "Home",
+      "view-home",
+      () => {
+        modes.set("orbit");
+        this.enter("orbit");
+        if (!this.lookAtRobot() && this.box) this.overview(this.box);
         this.draw();
       },
+      "orbit: the chosen robot from behind and above",
     );
     this.note = emptyNote(store, (now) => this.missing(now));
     this.element = panel(
       "view3d",
       "3D",
-      [modes],
+      [home, modes],
       h("div", { class: "stage" }, this.canvas, this.note),
     );
     this.world = new World(() => this.draw());
@@ -84,8 +88,11 @@ export class View3D {
     store.on("state", () => this.reported());
     store.on("welcome", () => this.begin());
     for (const topic of ["scan", "points", "select"] as const) store.on(topic, () => this.cloud());
+    let before = "";
     store.on("select", () => {
       if (this.mode === "follow") this.lookAtRobot();
+      else if (this.mode === "orbit" && before !== "") this.centre();
+      before = store.selected;
     });
     store.on("theme", () => this.draw());
     setInterval(() => mark(this.element, "data-stale", this.old), LOOK_MS);
@@ -96,6 +103,18 @@ export class View3D {
     const { store } = this;
     if (this.element.dataset.source === "reports" || store.ages.still) return store.frozen;
     return isStale(Math.max(store.ages.silence(pageTime()), pageTime() - this.heard));
+  }
+
+  /** Looks in another way; orbit begins at the chosen robot, and outside of it. */
+  private enter(mode: Mode): void {
+    const inside = this.mode === "first";
+    this.mode = mode;
+    this.placed ||= mode === "first";
+    if (this.controls) this.controls.enabled = mode !== "first";
+    if (mode === "follow" || (mode === "orbit" && inside)) this.lookAtRobot();
+    else if (mode === "orbit") this.centre();
+    this.follow();
+    this.draw();
   }
 
   private get truth(): boolean {
@@ -271,10 +290,25 @@ export class View3D {
     this.followed.copy(place);
   }
 
-  /** Puts the eye behind and above the chosen robot, which stands in the lower middle of the picture. */
-  private lookAtRobot(): void {
+  /** Turns around the chosen robot from now on, from as far and as high as before. */
+  private centre(): void {
     const matrix = this.matrix(this.store.selected);
-    if (!matrix) return;
+    if (!matrix || !this.controls) return;
+    const moved = new THREE.Vector3().setFromMatrixPosition(matrix).sub(this.controls.target);
+    this.controls.target.add(moved);
+    this.camera.position.add(moved);
+    this.controls.update();
+    this.placed = true;
+    this.draw();
+  }
+
+  /**
+   * Puts the eye behind and above the chosen robot, which stands in the lower middle of the picture; false where nobody
+   * knows where it is.
+   */
+  private lookAtRobot(): boolean {
+    const matrix = this.matrix(this.store.selected);
+    if (!matrix) return false;
     const place = new THREE.Vector3().setFromMatrixPosition(matrix);
     const ahead = new THREE.Vector3(1, 0, 0).transformDirection(matrix).setZ(0).normalize();
     // The true world has walls behind which an eye further back would be.
@@ -287,6 +321,7 @@ export class View3D {
     this.controls?.update();
     this.followed.copy(place);
     this.placed = true;
+    return true;
   }
 
   private reported(): void {
@@ -391,6 +426,12 @@ export class View3D {
   /** For tests: the points that are drawn, x, y, z one after another, in MuJoCo's frame. */
   cloudDrawn(): number[] {
     return [...(this.dots.geometry.getAttribute("position")?.array ?? [])];
+  }
+
+  /** For tests: where the eye is and what it looks at, x, y, z in MuJoCo's frame, and how. */
+  eye(): { at: number[]; target: number[]; mode: Mode } {
+    const target = this.controls?.target ?? new THREE.Vector3();
+    return { at: this.camera.position.toArray(), target: target.toArray(), mode: this.mode };
   }
 
   /** For tests: where a robot's mesh is in the page, [x, y, z, qw, qx, qy, qz] in MuJoCo's frame, and of when. */

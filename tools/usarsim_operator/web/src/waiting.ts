@@ -35,6 +35,6 @@ export function emptyNote(store: Store, text: (now: number) => string): HTMLElem
   };
   for (const topic of ["state", "link", "welcome", "select"] as const) store.on(topic, draw);
   setInterval(draw, LOOK_MS);
-  draw();
+  queueMicrotask(draw); // when the panel around it is made
   return note;
 }

@@ -1,7 +1,8 @@
 // Points over time, and below a lane for each robot: who drove it when, who looked at it, what happened to it.
 // A click goes there.
 
-import { colour, panel, robotColour, Surface } from "../dom";
+import { colour, panel, Surface } from "../dom";
+import { drawMark, robotColour } from "../looks";
 import { clock, type Run } from "./run";
 
 /** Pixels for names at the left, and at the right. */
@@ -130,7 +131,10 @@ export class Lanes {
     const speaks = told.length > 0;
     g.fillStyle = colour("text");
     g.textAlign = "right";
-    g.fillText(name.slice(0, 9), GUTTER.left - 8, top + lane / 2);
+    g.fillText(name.slice(0, 9), GUTTER.left - 20, top + lane / 2);
+    const radius = Math.min(5, lane / 2 - 1);
+    const mark = { x: GUTTER.left - 10, y: top + lane / 2, radius, edge: colour("panel") };
+    drawMark(g, number, mark);
     g.fillStyle = colour("raised");
     g.fillRect(GUTTER.left, top + 1, this.surface.width - GUTTER.left - GUTTER.right, lane - 2);
     g.fillStyle = robotColour(number);

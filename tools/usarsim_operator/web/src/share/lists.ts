@@ -1,6 +1,7 @@
 // What stands beside the pictures: robots and how they are driven, victims, events. A click on a time goes there.
 
-import { button, choice, h, mark, panel, robotColour, say } from "../dom";
+import { button, choice, h, mark, panel, say } from "../dom";
+import { markIcon } from "../looks";
 import { before, clock, type Run, SOURCES } from "./run";
 
 type Tab = "now" | "victims" | "events" | "about";
@@ -62,10 +63,8 @@ export class Lists {
         bars: [bar(), bar()],
         row: h("li", { "data-robot": name }),
       };
-      const chip = h("span", { class: "chip" });
-      chip.style.background = robotColour(number);
       const pick = button("", `robot-${number}`, () => choose(number), `${kind}: follow it`);
-      pick.append(chip, name);
+      pick.append(markIcon(number), name);
       const wheels = h(
         "span",
         { class: "wheels", title: "left and right wheels" },

@@ -1,7 +1,8 @@
 // The run from above: what the team had mapped, zones, ways, robots, victims and marks at one moment. As in
 // the report of a run x is to the right, y is up.
 
-import { button, colour, h, mark, panel, robotColour, Surface } from "../dom";
+import { button, colour, h, mark, panel, Surface } from "../dom";
+import { drawMark, robotColour } from "../looks";
 import type { Raster, Zone } from "./packed";
 import type { Run } from "./run";
 import { findingColour } from "./stage";
@@ -165,21 +166,14 @@ export class Plan {
     const [x, y, , qw, qx, qy, qz] = pose;
     const yaw = Math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz));
     const [column, row] = this.screen(x, y);
-    const size = number === this.chosen() ? 9 : 7;
-    g.save();
-    g.translate(column, row);
-    g.rotate(Math.PI / 2 - yaw);
-    g.beginPath();
-    g.moveTo(0, -1.3 * size);
-    g.lineTo(0.8 * size, size);
-    g.lineTo(-0.8 * size, size);
-    g.closePath();
-    g.fillStyle = robotColour(number);
-    g.strokeStyle = colour(number === this.chosen() ? "text" : "panel");
-    g.lineWidth = 1.5;
-    g.fill();
-    g.stroke();
-    g.restore();
+    drawMark(g, number, {
+      x: column,
+      y: row,
+      radius: number === this.chosen() ? 7 : 5.5,
+      edge: colour(number === this.chosen() ? "text" : "panel"),
+      width: 1.5,
+      heading: Math.PI / 2 - yaw,
+    });
     g.fillStyle = colour("text");
     g.font = `600 11px ${getComputedStyle(document.body).fontFamily}`;
     g.fillText(this.run.contents.robots[number]?.name ?? "", column + 9, row - 7);

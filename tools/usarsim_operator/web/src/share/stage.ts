@@ -3,8 +3,9 @@
 
 import * as THREE from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
-import { choice, colour, h, mark, panel, robotColour, say } from "../dom";
+import { choice, colour, h, mark, panel, say } from "../dom";
 import { graphics, matt } from "../gl";
+import { robotColour } from "../looks";
 import { Labels, plainBody } from "../reports";
 import { World } from "../scene";
 import type { Scenery } from "./packed";
