@@ -227,7 +227,7 @@ def set_up(
             member.reach, team[BASE].cell, member.cell, member.heading, known,
             Planner(known, floods=floods),
             estimate, np.random.Generator(np.random.PCG64(thinking[number])), rules=rules,
-            area=environment.free if rules.mresim else 0,
+            area=environment.free if rules.mresim else 0, width=member.view,
         )  # fmt: skip
         for other, one in enumerate(team):
             if other != number:

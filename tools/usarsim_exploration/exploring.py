@@ -21,7 +21,7 @@ from usarsim_exploration.known_map import KNOWN, SAFE, WALL
 from usarsim_exploration.mresim.planning import DONE, FIRST, NEVER_DONE
 from usarsim_exploration.planning import Field, Path
 from usarsim_exploration.strategy import Letter, Plan, Strategy, Teammate, View, straight
-from usarsim_exploration.walking import stroll
+from usarsim_exploration.walking import onward, stroll
 from usarsim_server.fields import field
 
 NEAR = 4
@@ -66,7 +66,7 @@ class Seeker(Strategy):
 
     def frontiers(self, view: View) -> list[Frontier]:
         """All that the robot knows of."""
-        return find_frontiers(view.known)
+        return find_frontiers(view.known, across=view.across)
 
     def aims(self, view: View) -> list[Aim]:
         """The best of the frontiers that can be reached."""
@@ -90,7 +90,7 @@ class Seeker(Strategy):
             path = view.planner.path(view.cell, aim.cell) or self._bidding.look(view, aim)
             if path:
                 self._version, self.aim = -1, aim.cell
-                return Plan(path, goal=self.aim)
+                return Plan(onward(view, path), goal=self.aim)
         self.aim = None
         return go_home(view)
 

@@ -75,6 +75,7 @@ class View:
         linked: numbers that it hears now, over any chain.
         random: its own generator.
         rules: of the run. area: free cells of the world, which MRESim tells its robots; else 0.
+        width: of its scanner's field of view, rad.
     """
 
     number: int
@@ -98,6 +99,14 @@ class View:
     step: int = 0
     rules: RunRules = TODAY
     area: int = 0
+    width: float = math.pi
+
+    @property
+    def across(self) -> float:
+        """How much of a frontier it sees in a step, cells; infinite by rules without it."""
+        if not self.rules.short:
+            return math.inf
+        return max(2.0 * self.reach, self.speed)
 
     def explorers(self, memory: int) -> list[Teammate]:
         """Teammates that explore and were heard within so many steps."""

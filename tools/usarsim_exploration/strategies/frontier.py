@@ -36,7 +36,7 @@ class FrontierStrategy(Seeker):
         """By its own rule, or MRESim's."""
         if view.rules.mresim:
             return planning.find_frontiers(view.known)
-        return find_frontiers(view.known, uncertain=self.uncertain)
+        return find_frontiers(view.known, uncertain=self.uncertain, across=view.across)
 
     def choose(self, view: View, aims: Sequence[Aim]) -> Aim | None:
         """What it wins in the auction."""
