@@ -206,7 +206,7 @@ class Bidding:
             if way := into_unknown(view, view.cell, view.heading, far):
                 return way
         self.fruitless.add(view.cell)
-        around = np.abs(aim.frontier.outline - (column, row)).max(axis=1) <= _NEAR
+        around = np.abs(aim.frontier.outline - (column, row)).max(axis=1) <= _NEAR * view.scale
         self.fruitless.update((int(c), int(r)) for c, r in aim.frontier.outline[around])
         return None
 

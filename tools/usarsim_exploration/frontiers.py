@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -19,6 +19,9 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.known_map import FREE, KNOWN, SAFE, WALL, KnownMap
+
+if TYPE_CHECKING:
+    from usarsim_exploration.strategy import View
 
 SMALLEST = 3.0
 """Size below which a frontier is left alone (reference 2)."""
@@ -67,6 +70,12 @@ def find_frontiers(
     beside = near(bits & KNOWN == 0, AROUND)
     mask = free & (beside | (bits & SAFE == 0)) if uncertain else free & beside
     return _traced(mask, beside, smallest, across)
+
+
+def frontiers_of(view: View, *, uncertain: bool = False) -> list[Frontier]:
+    """Those of a robot's map, as small and as wide as its scanner and its scale say."""
+    smallest = SMALLEST * view.scale
+    return find_frontiers(view.known, smallest, uncertain=uncertain, across=view.across)
 
 
 def passages(known: KnownMap) -> list[Frontier]:

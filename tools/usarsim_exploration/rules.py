@@ -19,7 +19,8 @@ class RunRules:
             are free from then on, and a wall that one beam with noise has met is not certain.
         narrow: frontiers of one and two cells count where nothing larger is left.
         starts: robots start where the base can be reached from; where they have bodies, as many
-            metres apart at any width of a cell, and so do they keep away, arrive and gather.
+            metres apart at any width of a cell, and so do they keep away, arrive, gather and
+            choose; where they arrive, they look at what is unknown.
         ends: a team is not home while data is still to be sent.
         ties: robots in one cell share out what all of them would choose.
         shares: what is known and reachable now, of what is reachable now; else what was known, of

@@ -75,7 +75,8 @@ class View:
         linked: numbers that it hears now, over any chain.
         random: its own generator.
         rules: of the run. area: free cells of the world, which MRESim tells its robots; else 0.
-        width: of its scanner's field of view, rad.
+        width: of its scanner's field of view, rad. scale: cells that are as long as 0.1 m where
+            robots have bodies, so that lengths are metres; else 1.
     """
 
     number: int
@@ -100,6 +101,7 @@ class View:
     rules: RunRules = TODAY
     area: int = 0
     width: float = math.pi
+    scale: float = 1.0
 
     @property
     def across(self) -> float:

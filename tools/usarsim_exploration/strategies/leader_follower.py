@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from usarsim_exploration.bidding import Bidding
 from usarsim_exploration.environment import Cell
-from usarsim_exploration.frontiers import find_frontiers
+from usarsim_exploration.frontiers import frontiers_of
 from usarsim_exploration.planning import Path
 from usarsim_exploration.relays import chain, ways_within
 from usarsim_exploration.strategy import (
@@ -164,7 +164,7 @@ class LeaderFollower(Strategy):
             self._go(view, view.base)
             return
         self._gathers, self._since = False, -1
-        frontiers = find_frontiers(view.known, across=view.across)
+        frontiers = frontiers_of(view)
         while True:
             beyond = [cell for cell, free in self._beyond.items() if view.known.free < NEWS * free]
             aims = [

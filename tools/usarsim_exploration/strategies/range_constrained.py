@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from usarsim_exploration.bidding import Aim, Bidding
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.exploring import go_home
-from usarsim_exploration.frontiers import find_frontiers
+from usarsim_exploration.frontiers import frontiers_of
 from usarsim_exploration.planning import Field, Path
 from usarsim_exploration.relays import LOOK, chain, ways_within, within
 from usarsim_exploration.strategy import (
@@ -188,7 +188,7 @@ class RangeConstrained(Strategy):
         if self._task is not None and self._is_held(view, view.path):
             return Plan(view.path, "relay", self._task)
         self._task = None
-        frontiers = find_frontiers(view.known, across=view.across)
+        frontiers = frontiers_of(view)
         aims = self._bidding.aims(view, frontiers, self.considered)
         asked, since = self._asked
         if not said or asked != self._anchors or view.step - since >= self.replan:
