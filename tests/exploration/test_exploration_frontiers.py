@@ -154,6 +154,7 @@ def test_a_frontier_that_stays_is_left() -> None:
     aim = bidding.choose(seen, bidding.aims(seen, find_frontiers(known)))
     assert aim is not None
     assert bidding.look(seen, aim) == [(3, 10), (2, 10)]  # so that it faces the left
+    assert bidding.look(seen, aim) == [(1, 10)]
     assert bidding.look(seen, aim) is None
     assert chosen(bidding, seen) is None
     assert set(bidding.letter()["fruitless"]) == {(2, row) for row in range(8, 13)}

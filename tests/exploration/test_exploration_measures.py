@@ -104,6 +104,7 @@ def test_work() -> None:
     assert found["not_sensing"] == 1 + 1 + 2 + 1  # rows 1, 2, 3, 5, the lost one left out
     assert found["returning"] == 2 + 4
     assert found["longest_stand"] == 3  # R2 until it failed
+    assert found["longest_without_news"] == 1  # row 3: in row 2 R1 waits and R2 relays
     assert found["collisions"] == 3
     assert found["role_swaps"] == 1
     assert found["lost"] == ["R2"]

@@ -19,6 +19,7 @@ from usarsim_exploration.frontiers import Frontier, leftovers, passages
 from usarsim_exploration.known_map import FREE, KNOWN, SAFE, WALL
 from usarsim_exploration.planning import Field, Path
 from usarsim_exploration.strategy import BASE, View
+from usarsim_exploration.walking import into_unknown
 
 CONSIDERED = 6
 """The best so many frontiers are bid for (reference 2)."""
@@ -58,6 +59,7 @@ class Bidding:
     unreachable: set[Cell] = field(default_factory=set)
     fruitless: set[Cell] = field(default_factory=set)
     _looked: set[Cell] = field(default_factory=set)
+    _entered: set[Cell] = field(default_factory=set)
 
     def choose(self, view: View, aims: Sequence[Aim]) -> Aim | None:
         """Which of some frontiers is the robot's; None: there is none for it.
@@ -186,11 +188,11 @@ class Bidding:
         return None
 
     def look(self, view: View, aim: Aim) -> Path | None:
-        """What to do at a frontier that is there still: turn to it once, then leave it.
+        """What to do at a frontier that is there still: turn to it, then drive into it, once each.
 
         Returns:
-            A step back and forth, so that the scanner faces the unknown; None: this was done,
-            and no robot needs to come here again.
+            A step back and forth, so that the scanner faces the unknown; a cell of the unknown;
+            None: this was done, and no robot needs to come here again.
         """
         column, row = view.cell
         if view.cell not in self._looked:
@@ -198,8 +200,13 @@ class Bidding:
             back = _away_from_the_unknown(view)
             if back is not None:
                 return [back, view.cell]
+        if view.rules.short and view.cell not in self._entered:
+            self._entered.add(view.cell)
+            far = view.speed if view.reach < view.speed else 1.0
+            if way := into_unknown(view, view.cell, view.heading, far):
+                return way
         self.fruitless.add(view.cell)
-        around = np.abs(aim.frontier.outline - (column, row)).max(axis=1) <= _NEAR
+        around = np.abs(aim.frontier.outline - (column, row)).max(axis=1) <= _NEAR * view.scale
         self.fruitless.update((int(c), int(r)) for c, r in aim.frontier.outline[around])
         return None
 

@@ -206,12 +206,14 @@ def set_up(
     level: Level | None = None,
     late: Collection[int] = (),
     rules: RunRules = TODAY,
+    scale: float = 1.0,
 ) -> Cycle:
     """A run at its start.
 
     Args:
         strategy: a pattern, which each robot gets a copy of. level: default the grid.
         late: numbers of robots that stand switched off at first. rules: of the run.
+        scale: see `View`.
     """
     seeds = np.random.SeedSequence(seed).spawn(2 * len(team) + 1)
     thinking, losing, noise = seeds[: len(team)], seeds[len(team)], seeds[len(team) + 1 :]
@@ -227,7 +229,7 @@ def set_up(
             member.reach, team[BASE].cell, member.cell, member.heading, known,
             Planner(known, floods=floods),
             estimate, np.random.Generator(np.random.PCG64(thinking[number])), rules=rules,
-            area=environment.free if rules.mresim else 0,
+            area=environment.free if rules.mresim else 0, width=member.view, scale=scale,
         )  # fmt: skip
         for other, one in enumerate(team):
             if other != number:

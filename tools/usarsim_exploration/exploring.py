@@ -16,12 +16,12 @@ import numpy as np
 
 from usarsim_exploration.bidding import Aim, Bidding
 from usarsim_exploration.environment import Cell
-from usarsim_exploration.frontiers import Frontier, find_frontiers
+from usarsim_exploration.frontiers import Frontier, frontiers_of
 from usarsim_exploration.known_map import KNOWN, SAFE, WALL
 from usarsim_exploration.mresim.planning import DONE, FIRST, NEVER_DONE
 from usarsim_exploration.planning import Field, Path
 from usarsim_exploration.strategy import Letter, Plan, Strategy, Teammate, View, straight
-from usarsim_exploration.walking import stroll
+from usarsim_exploration.walking import onward, stroll
 from usarsim_server.fields import field
 
 NEAR = 4
@@ -66,7 +66,7 @@ class Seeker(Strategy):
 
     def frontiers(self, view: View) -> list[Frontier]:
         """All that the robot knows of."""
-        return find_frontiers(view.known)
+        return frontiers_of(view)
 
     def aims(self, view: View) -> list[Aim]:
         """The best of the frontiers that can be reached."""
@@ -90,7 +90,7 @@ class Seeker(Strategy):
             path = view.planner.path(view.cell, aim.cell) or self._bidding.look(view, aim)
             if path:
                 self._version, self.aim = -1, aim.cell
-                return Plan(path, goal=self.aim)
+                return Plan(onward(view, path), goal=self.aim)
         self.aim = None
         return go_home(view)
 
@@ -131,12 +131,12 @@ class Seeker(Strategy):
             return other
         if other is None or self.aim is None or self.aim in self._bidding.fruitless:
             return other
-        if any(mate.goal is not None and _same(mate.goal, self.aim) for mate in mates):
+        if any(mate.goal is not None and _same(mate.goal, self.aim, view.scale) for mate in mates):
             return other
         left = view.planner.field(view.cell).distance(self.aim)
         if 0.0 < left <= 2.0 * other.distance:
             for one in frontiers:
-                if np.abs(one.outline - self.aim).max(axis=1).min() <= NEAR:
+                if np.abs(one.outline - self.aim).max(axis=1).min() <= NEAR * view.scale:
                     return Aim(one, self.aim, left)
         return other
 
@@ -169,7 +169,7 @@ class Seeker(Strategy):
             if not left:
                 left = list(aims)
             goal = mate.goal
-            held = (one for one in left if goal is not None and _same(goal, one.cell))
+            held = (one for one in left if goal is not None and _same(goal, one.cell, view.scale))
             taken = next(held, None) or self.guess(view, left)
             if taken is not None:
                 left.remove(taken)
@@ -185,9 +185,9 @@ class Seeker(Strategy):
         self._bidding.hear(view.teammates[number].letter for number in sorted(view.linked))
 
 
-def _same(one: Cell, other: Cell) -> bool:
+def _same(one: Cell, other: Cell, scale: float) -> bool:
     """Whether two cells are near enough to be of one frontier."""
-    return max(abs(one[0] - other[0]), abs(one[1] - other[1])) <= NEAR
+    return max(abs(one[0] - other[0]), abs(one[1] - other[1])) <= NEAR * scale
 
 
 def go_home(view: View) -> Plan:

@@ -9,8 +9,9 @@ them know 90 % after 185 steps by the first rule and 195 by the second, means of
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -18,6 +19,9 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.known_map import FREE, KNOWN, SAFE, WALL, KnownMap
+
+if TYPE_CHECKING:
+    from usarsim_exploration.strategy import View
 
 SMALLEST = 3.0
 """Size below which a frontier is left alone (reference 2)."""
@@ -46,7 +50,11 @@ class Frontier:
 
 
 def find_frontiers(
-    known: KnownMap, smallest: float = SMALLEST, *, uncertain: bool = False
+    known: KnownMap,
+    smallest: float = SMALLEST,
+    *,
+    uncertain: bool = False,
+    across: float = math.inf,
 ) -> list[Frontier]:
     """All frontiers of a map, the largest first; equal ones from top left.
 
@@ -54,12 +62,20 @@ def find_frontiers(
         known: what a robot knows.
         smallest: size below which one is left out.
         uncertain: cells that are not yet certain are of frontiers as well (MRESim).
+        across: cells that a robot sees of one; those that are wider are parted, for the middle of
+            one that goes around a robot jumps from side to side.
     """
     bits = known.bits
     free = bits & (FREE | WALL) == FREE
     beside = near(bits & KNOWN == 0, AROUND)
     mask = free & (beside | (bits & SAFE == 0)) if uncertain else free & beside
-    return _traced(mask, beside, smallest)
+    return _traced(mask, beside, smallest, across)
+
+
+def frontiers_of(view: View, *, uncertain: bool = False) -> list[Frontier]:
+    """Those of a robot's map, as small and as wide as its scanner and its scale say."""
+    smallest = SMALLEST * view.scale
+    return find_frontiers(view.known, smallest, uncertain=uncertain, across=view.across)
 
 
 def passages(known: KnownMap) -> list[Frontier]:
@@ -90,30 +106,51 @@ def near(cells: NDArray[np.bool_], shape: NDArray[np.uint8]) -> NDArray[np.bool_
     return np.asarray(wide, np.uint8).view(np.bool_)
 
 
-def _traced(mask: NDArray[np.bool_], beside: NDArray[np.bool_], smallest: float) -> list[Frontier]:
+def _traced(
+    mask: NDArray[np.bool_], beside: NDArray[np.bool_], smallest: float, across: float = math.inf
+) -> list[Frontier]:
     """Frontiers of the cells of a mask; `beside` are those that touch the unknown."""
     outlines: Any
     outlines, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    kept, sizes = [], []
+    kept, sizes = list[NDArray[np.int32]](), list[float]()
     for traced in outlines:
         length = len(traced) if len(traced) > 1 else 0  # each edge leads to a neighbour
         size = float(cv2.contourArea(traced) + length)
-        if size >= smallest:
-            kept.append(traced)
+        if size < smallest:
+            continue
+        parts = _parted(traced, across)
+        kept += parts
+        if len(parts) > 1:  # each as if it were a line of its own
+            sizes += [max(2.0 * (len(part) - 1), smallest) for part in parts]
+        else:
             sizes.append(max(size, 1.0))
     if not kept:
         return []
     cells = np.concatenate(kept)[:, 0, :].astype(np.int64)  # of all at once: there may be many
-    across, down = cells.T.astype(np.float64)
+    columns, rows = cells.T.astype(np.float64)
     touching, found, begin = beside[cells[:, 1], cells[:, 0]], [], 0
     for traced, size in zip(kept, sizes, strict=True):
         end = begin + len(traced)
         part, begin = slice(begin, end), end
         openings = cells[part][touching[part]]
         if len(openings):
-            column, row = cells[part][_central(traced, across[part], down[part])].tolist()
+            column, row = cells[part][_central(traced, columns[part], rows[part])].tolist()
             found.append(Frontier((column, row), size, cells[part], openings))
     return sorted(found, key=lambda one: (-one.size, one.centre[1], one.centre[0]))
+
+
+def _parted(traced: NDArray[np.int32], across: float) -> list[NDArray[np.int32]]:
+    """Pieces of an outline, of neighbours, none wider than `across`; the whole, if it is not."""
+    if len(traced) <= across or np.ptp(traced[:, 0], axis=0).max() < across:
+        return [traced]
+    _, first = np.unique(traced[:, 0], axis=0, return_index=True)
+    line = traced[np.sort(first)]  # thin ones were traced there and back
+    apart = np.abs(np.diff(line[:, 0], axis=0)).max(axis=1) > 1
+    return [
+        part
+        for run in np.split(line, np.flatnonzero(apart) + 1)
+        for part in np.array_split(run, math.ceil(len(run) / across))
+    ]
 
 
 def _central(

@@ -19,11 +19,14 @@ class RunRules:
             are free from then on, and a wall that one beam with noise has met is not certain.
         narrow: frontiers of one and two cells count where nothing larger is left.
         starts: robots start where the base can be reached from; where they have bodies, as many
-            metres apart at any width of a cell, and so do they keep away, arrive and gather.
+            metres apart at any width of a cell, and so do they keep away, arrive, gather and
+            choose; where they arrive, they look at what is unknown.
         ends: a team is not home while data is still to be sent.
         ties: robots in one cell share out what all of them would choose.
         shares: what is known and reachable now, of what is reachable now; else what was known, of
             what was reachable at the start.
+        short: frontiers are parted by what a scanner shows of them from one cell, and who sees
+            less on its way than it drives in a step drives on into the unknown.
         relays: `relay_explores` counts; else relays explore whatever it says.
         mresim: MRESim's: first steps are random, robots in contact plan at every step, by frontiers
             of its kind, and know how many free cells there are.
@@ -36,13 +39,21 @@ class RunRules:
     ends: bool = True
     ties: bool = True
     shares: bool = True
+    short: bool = True
     relays: bool = True
     mresim: bool = False
 
     def by_mresim(self) -> RunRules:
         """The same, but as MRESim's where that has rules of its own."""
         return replace(
-            self, sight=False, narrow=False, starts=False, ends=False, ties=False, mresim=True
+            self,
+            sight=False,
+            narrow=False,
+            starts=False,
+            ends=False,
+            ties=False,
+            short=False,
+            mresim=True,
         )
 
 
@@ -55,6 +66,7 @@ RULES = {
         ends=False,
         ties=False,
         shares=False,
+        short=False,
         relays=False,
     ),
     2: RunRules(2),

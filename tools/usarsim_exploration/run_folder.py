@@ -14,6 +14,7 @@ import numpy as np
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.log_files import AGENTS, STEPS, agents_csv, steps_csv
 from usarsim_exploration.measures import measure
+from usarsim_exploration.measures.work import longest_without_news
 from usarsim_exploration.rules import OLDEST
 from usarsim_exploration.running import Result
 from usarsim_exploration.scenario import Scenario, load
@@ -29,6 +30,8 @@ from usarsim_server.toml import toml_text
 FORMAT = "usarsim-explore-run/1"
 RUN, TIMING, MAP, SCENARIO = "run.json", "timing.json", "map.png", "scenario.toml"
 _MAP_SHOWS = "free", "obstacles", "trail", "agents"
+_VAIN = 100
+"""Steps of search without news from which the line of a run tells them."""
 _DIGITS = 9
 """Of numbers behind the point in results: what differs beyond is no result."""
 
@@ -120,10 +123,12 @@ def line(result: Result, timing: Mapping[str, object]) -> str:
         100 * int(cells[-1]) / int(history.reachable[-1])
         for cells in (history.known_team, history.known_base)
     )
+    longest = longest_without_news(history)
+    vain = f", nothing new for {longest} steps" if longest >= _VAIN else ""
     return (
         f"{scenario.world.environment.name}, {history.robots} robots, {scenario.strategy_name}, "
         f"seed {scenario.basics.seed}: {result.ended} after {history.steps} steps; "
-        f"team knows {team:.1f} %, base {base:.1f} %; "
+        f"team knows {team:.1f} %, base {base:.1f} %{vain}; "
         f"{timing['processor_ms_per_step']:.1f} ms of processor per step"
     )
 

@@ -93,6 +93,7 @@ class Run:
                 level=self._level,
                 late=late(one.events),
                 rules=one.rules,
+                scale=one.scale if one.basics.backend != "grid" else 1.0,
             )
         except BaseException:
             self.close()

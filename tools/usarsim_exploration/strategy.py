@@ -75,6 +75,8 @@ class View:
         linked: numbers that it hears now, over any chain.
         random: its own generator.
         rules: of the run. area: free cells of the world, which MRESim tells its robots; else 0.
+        width: of its scanner's field of view, rad. scale: cells that are as long as 0.1 m where
+            robots have bodies, so that lengths are metres; else 1.
     """
 
     number: int
@@ -98,6 +100,15 @@ class View:
     step: int = 0
     rules: RunRules = TODAY
     area: int = 0
+    width: float = math.pi
+    scale: float = 1.0
+
+    @property
+    def across(self) -> float:
+        """How much of a frontier it sees in a step, cells; infinite by rules without it."""
+        if not self.rules.short:
+            return math.inf
+        return max(2.0 * self.reach, self.speed)
 
     def explorers(self, memory: int) -> list[Teammate]:
         """Teammates that explore and were heard within so many steps."""

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.planning import Path
-from usarsim_exploration.strategy import View
+from usarsim_exploration.strategy import View, straight
+from usarsim_exploration.walking import line
 
 UNKNOWN = 3
 """Unknown cells that may lie on the line of a link that is counted upon; robots start with their
@@ -46,13 +47,21 @@ def leading(path: Path, good: NDArray[np.bool_]) -> Path:
     return path if good.all() else path[: int(good.argmin())]
 
 
+def sees_base(view: View) -> bool:
+    """Whether a turn is enough to see the base; by rules without short ranges it always is."""
+    return not view.rules.short or straight(view.cell, view.base) <= view.reach
+
+
 def turn_to_base(view: View) -> Path:
     """A step away from the base and back, to see it; empty: there is no room, or it is known.
 
-    Robots may start with their back to it, and nobody counts on links through the unknown.
+    Robots may start with their back to it, and nobody counts on links through the unknown. Who
+    does not see so far drives straight there, until something is in the way.
     """
     if view.planner.field(view.cell).reaches(view.base):
         return []
+    if not sees_base(view):
+        return [] if view.blocked else line(view.cell, view.base)
     column, row = view.cell
     off = column - view.base[0], row - view.base[1]
     beside = sorted(((0, -1), (0, 1), (-1, 0), (1, 0)), key=lambda one: -np.dot(one, off))

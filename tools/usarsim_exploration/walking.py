@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell
-from usarsim_exploration.known_map import FREE, WALL, KnownMap
+from usarsim_exploration.known_map import FREE, KNOWN, WALL, KnownMap
 from usarsim_exploration.planning import Path
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ CLEAR = 3.0
 TURNS = np.deg2rad(np.repeat([-45.0, -22.5, 0.0, 22.5, 45.0], [1, 2, 20, 2, 1]))
 """Tickets of the draw, rad."""
 _TRIES = 100
+_MOVES = ((1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, 1), (-1, -1), (1, -1))
 _SHORTEST = 3
 """Cells of a step that is tried at least."""
 
@@ -68,6 +69,52 @@ def stroll(view: View, course: float, clearance: float = CLEAR) -> tuple[Path, f
         shortest = 1 if view.rules.narrow and attempt >= _TRIES // 2 else _SHORTEST
         length = max(length - 1, shortest)
     return [], course
+
+
+def onward(view: View, path: Path) -> Path:
+    """A path, and from its end on into the unknown for what is left of its last step.
+
+    Only of a robot that sees less than it drives in a step: else it would spend most steps on the
+    few cells to the end of what it sees.
+    """
+    if not path or not view.rules.short or view.reach >= view.speed:
+        return path
+    cells = [view.cell, *path]
+    far = sum(map(math.dist, cells, path))
+    course = math.atan2(path[-1][1] - cells[-2][1], path[-1][0] - cells[-2][0])
+    return path + into_unknown(view, path[-1], course, -far % view.speed)
+
+
+def into_unknown(view: View, start: Cell, course: float, far: float) -> Path:
+    """The straight way through unknown cells on which most is seen; none: there is none.
+
+    Args:
+        start: beside the unknown. course: rad, which of equal ways is nearest to. far: cells.
+    """
+    bits, found, most = view.known.bits, list[Cell](), 0
+    beside = max(1, min(view.reach, int(far)))
+
+    def at(column: int, row: int) -> int:
+        inside = 0 <= column < bits.shape[1] and 0 <= row < bits.shape[0]
+        return int(bits[row, column]) & KNOWN if inside else WALL
+
+    def turned(move: Cell) -> float:
+        return abs(math.remainder(math.atan2(move[1], move[0]) - course, math.tau))
+
+    for right, down in sorted(_MOVES, key=turned):
+        way, news, (column, row) = list[Cell](), 0, start
+        for _ in range(int(far / math.hypot(right, down) + 1e-9)):
+            walls = (at(column + right, row) | at(column, row + down)) & WALL
+            column, row = column + right, row + down
+            if walls or at(column, row):
+                break
+            way.append((column, row))
+            news += 1 + sum(
+                not at(column - side * down, row + side * right) for side in (-beside, beside)
+            )
+        if news > most:
+            found, most = way, news
+    return found
 
 
 def draw_turn(random: np.random.Generator) -> float:

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell
-from usarsim_exploration.levels.driver import SHARP
+from usarsim_exploration.levels.driver import FACING, SHARP
 from usarsim_exploration.levels.grid import GridLevel, felt
-from usarsim_exploration.levels.route import SNAP, gathering, rest_of, route
+from usarsim_exploration.levels.route import SNAP, gathering, rest_of, route, unknown_at
 from usarsim_exploration.levels.rover import disc_cells
 from usarsim_exploration.localisation.poses import wrap
 from usarsim_exploration.planning import Path
@@ -69,7 +69,7 @@ class _Disc:
         whole: the way leads to the end of the strategy's path. credit: cells that it may still
             drive in this part of a step. anchor, waited: a place, and the steps for which it has
             got nowhere from there, though it has a path. hit: the wall that it drove into.
-        cells, headings: from where it scanned.
+        cells, headings: from where it scanned. facing: rad, at the end of its way.
     """
 
     body: Body
@@ -82,6 +82,7 @@ class _Disc:
     waited: int = 0
     moved: bool = False
     hit: Cell | None = None
+    facing: float | None = None
     cells: list[Cell] = attribute(default_factory=list)
     headings: list[float] = attribute(default_factory=list)
 
@@ -113,7 +114,7 @@ class DiscLevel(GridLevel):
         moving = [self._discs[body.view.number] for body in cycle.acting()]
         for disc in moving:
             cycle.decide(disc.body)
-            self._set_out(disc)
+            self._set_out(cycle, disc)
         parts = math.ceil(max((disc.body.view.speed for disc in moving), default=0.0))
         for _ in range(parts):
             for disc in moving:
@@ -122,11 +123,11 @@ class DiscLevel(GridLevel):
             self._settle(cycle, disc)
             disc.body.view.planner.forget()
 
-    def _set_out(self, disc: _Disc) -> None:
+    def _set_out(self, cycle: Cycle, disc: _Disc) -> None:
         """Make the way for this step out of what is left of the path."""
         view = disc.body.view
         disc.cells, disc.headings = [], []
-        disc.moved, disc.hit, disc.credit = False, None, 0.0
+        disc.moved, disc.hit, disc.facing, disc.credit = False, None, None, 0.0
         if not view.path:
             disc.way, disc.waited = [], 0
             return
@@ -146,6 +147,9 @@ class DiscLevel(GridLevel):
             view.known.bits, disc.cell, view.path, (self._width + 1) / 2, np.concatenate(others),
             snap, self._scale,
         )  # fmt: skip
+        if disc.whole and cycle.rules.starts and disc.waited < _SQUEEZE:
+            end, along = view.path[-1], disc.heading
+            disc.facing = unknown_at(view.known.bits, end, self._scale, along)
 
     def _advance(self, cycle: Cycle, disc: _Disc, credit: float) -> None:
         """Turn and drive for a part of a step; what is left of that is of use for the next one."""
@@ -176,6 +180,25 @@ class DiscLevel(GridLevel):
             disc.credit -= price
             disc.cells.append(disc.cell)
             disc.headings.append(disc.heading)
+        self._face(disc)
+
+    def _face(self, disc: _Disc) -> None:
+        """Turn to the unknown at the end of a way."""
+        price = disc.body.view.speed * _TURN / self._turn
+        while self._turns(disc) and price <= disc.credit + 1e-9:
+            assert disc.facing is not None
+            beside = wrap(disc.facing - disc.heading)
+            disc.heading = _whole_turns(disc.heading + math.copysign(_TURN, beside))
+            disc.credit -= price
+            disc.cells.append(disc.cell)
+            disc.headings.append(disc.heading)
+
+    @staticmethod
+    def _turns(disc: _Disc) -> bool:
+        """Whether it is at the end of its way, and does not see yet what it came for."""
+        if disc.way or disc.facing is None or disc.hit is not None:
+            return False
+        return abs(wrap(disc.facing - disc.heading)) > FACING
 
     def _has_room(self, disc: _Disc, there: Cell) -> bool:
         """Whether a robot comes too near to nobody; it may get away from who is too near."""
@@ -192,7 +215,8 @@ class DiscLevel(GridLevel):
         stands = bool(view.path) and not acted
         view.blocked = disc.hit is not None or (stands and not disc.way and not disc.whole)
         disc.waited += bool(view.path)
-        if view.path and not disc.way and disc.whole and not view.blocked:
+        turns = self._turns(disc)
+        if view.path and not disc.way and disc.whole and not view.blocked and not turns:
             here, view.path = view.path[-1], []  # as near as it fits
         elif view.path:
             view.path = rest_of(view.path, here)

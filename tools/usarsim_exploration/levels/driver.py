@@ -20,7 +20,7 @@ _LOOKAHEAD = 0.45
 """m on the route to where a robot heads."""
 SHARP = 0.7
 """rad beside the heading beyond which it turns on the spot."""
-_FACING = 0.35
+FACING = 0.35
 """rad beside the goal within which a robot that has arrived sees what it came for."""
 _NEAR = 0.12
 """m from the end of the route that count as there."""
@@ -151,7 +151,7 @@ class Driver:
             self.blocked = self.blocked or self._waited > _PATIENCE
             return 0.0, 0.0
         beside = self._beside = wrap(self._facing - pose[2])
-        if abs(beside) > _FACING:
+        if abs(beside) > FACING:
             return 0.0, float(np.clip(2.0 * beside, -_TURN, _TURN))
         self.arrived = True
         return 0.0, 0.0

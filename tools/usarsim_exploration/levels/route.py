@@ -29,6 +29,8 @@ _TIGHT = 40
 """Price of a cell with less."""
 _ROOMY = 4
 """Cells from the end of a path within which it rather ends where it can turn."""
+_AROUND = 5
+"""Cells around the end of a way within which a robot looks at what is unknown."""
 _LEAVE = 6
 """Cells around a robot that stands too near to a wall, within which it may drive out."""
 
@@ -100,6 +102,22 @@ def route(
 def gathering(robots: int) -> int:
     """Cells of 0.1 m from the base to where a robot is home: all of a team stand there."""
     return round(10.0 + 1.5 * robots)
+
+
+def unknown_at(bits: NDArray[np.uint8], cell: Cell, scale: float, otherwise: float) -> float:
+    """Where most is unknown around the end of a way, rad: a robot looks there when it arrives.
+
+    Args:
+        bits: of its map. cell: the end. scale: cells that are as long as 0.1 m.
+        otherwise: rad, if all is known there.
+    """
+    reach = max(1, round(_AROUND * scale))
+    left, top = max(cell[0] - reach, 0), max(cell[1] - reach, 0)
+    around = bits[top : cell[1] + reach + 1, left : cell[0] + reach + 1]
+    rows, columns = np.nonzero(around & KNOWN == 0)
+    if not len(rows):
+        return otherwise
+    return math.atan2(rows.mean() + top - cell[1], columns.mean() + left - cell[0])
 
 
 def rest_of(path: Path, here: Cell) -> Path:

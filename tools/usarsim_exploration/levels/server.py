@@ -23,7 +23,7 @@ from usarsim_exploration.levels.controller import Controller, DeadError
 from usarsim_exploration.levels.driver import Driver
 from usarsim_exploration.levels.laser import points, scanner
 from usarsim_exploration.levels.physics import Physics
-from usarsim_exploration.levels.route import SNAP, gathering, rest_of, route
+from usarsim_exploration.levels.route import SNAP, gathering, rest_of, route, unknown_at
 from usarsim_exploration.levels.rover import Place, Rover, disc_cells, wire_name
 from usarsim_exploration.levels.serving import cutoff
 from usarsim_exploration.levels.swerving import Swerve
@@ -101,7 +101,7 @@ class ServerLevel:
             ExplorationError: there is no server, or it does not let all in.
         """
         self._physics, self._cell, self._shape = physics, cell, shape
-        self._scale = scale_of(cell) if metres else 1.0
+        self._scale, self._metres = scale_of(cell) if metres else 1.0, metres
         host, control = place.host, place.control
         self.place, self._address = place, (host, control)
         self._tall = shape[0] * cell
@@ -262,6 +262,8 @@ class ServerLevel:
         last = self._middle(view.path[-1 - back]) if len(view.path) > back else rover.pose[:2]
         far = math.dist(end, last) > self._cell
         facing = math.atan2(end[1] - last[1], end[0] - last[0]) if far else rover.pose[2]
+        if self._metres and whole:
+            facing = unknown_at(view.known.bits, view.path[-1], self._scale, facing)
         rover.driver.follow([self._middle(one) for one in way], facing, ends=whole)
 
     def _tick(self, cycle: Cycle, *, drive: bool = True) -> None:

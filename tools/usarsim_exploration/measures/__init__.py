@@ -27,14 +27,10 @@ MEASURES = dict(
 def measure(history: History) -> dict[str, object]:
     """All measures by name, and beside them `steps` and the names of robots that were `lost`.
 
-    Those of reality only where the history tells of it.
+    Those of reality only where the history tells of it, and newer ones not by older rules.
     """
     lost = [name for name, works in zip(history.names, history.works[-1], strict=True) if not works]
-    values = {
-        name: one.function(history)
-        for name, one in MEASURES.items()
-        if history.reality or not one.real
-    }
+    values = {name: one.function(history) for name, one in MEASURES.items() if one.holds(history)}
     return {"steps": history.steps, **values, "lost": lost}
 
 

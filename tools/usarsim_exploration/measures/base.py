@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.history import Counts, History
+from usarsim_exploration.rules import OLDEST
 
 MRESIM = "MRESim, github.com/v-spirin/MRESim"
 """Definitions: exploration reference 13.1."""
@@ -37,7 +38,8 @@ class Measure:
         name: in files. title: in reports. unit: of its values.
         definition: in a sentence or two. source: where the definition comes from.
         function: computes it; None: there is none, such as the time of a goal not reached.
-        better: which direction is good. real: only runs on a server have it.
+        better: which direction is good. real: only runs on a server have it. since: number of the
+            rules whose results have it first.
     """
 
     name: str
@@ -48,6 +50,11 @@ class Measure:
     function: Function
     better: Literal["more", "less", ""]
     real: bool = False
+    since: int = OLDEST
+
+    def holds(self, history: History) -> bool:
+        """Whether results of such a run have it."""
+        return history.by_rules >= self.since and bool(history.reality or not self.real)
 
 
 DECLARED: dict[str, Measure] = {}
@@ -63,13 +70,16 @@ def declare(
     better: Literal["more", "less", ""] = "",
     *,
     real: bool = False,
+    since: int = OLDEST,
 ) -> Callable[[Function], Function]:
     """Declare the function below as a measure; see `Measure`."""
 
     def add(function: Function) -> Function:
         if name in DECLARED:
             raise ValueError(f"two measures are called {name}")
-        DECLARED[name] = Measure(name, title, unit, definition, source, function, better, real)
+        DECLARED[name] = Measure(
+            name, title, unit, definition, source, function, better, real, since
+        )
         return function
 
     return add

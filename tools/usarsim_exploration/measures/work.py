@@ -7,7 +7,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_exploration.history import Counts, History
+from usarsim_exploration.history import RETURNING, Counts, History
+from usarsim_exploration.idleness import WAITING
 from usarsim_exploration.measures.base import JAIN, MRESIM, ROBOTS, YAN, declare, jain, lasting
 
 
@@ -120,6 +121,24 @@ def _longest_stand(history: History) -> int:
 )  # fmt: skip
 def _longest_idle(history: History) -> int:
     return int(history.idle[:, ROBOTS].max(initial=0))
+
+
+def longest_without_news(history: History) -> int:
+    """In steps; see there."""
+    state = history.state[:, ROBOTS]
+    other = [np.char.startswith(state, word) for word in {*RETURNING, *WAITING}]
+    searches = history.works[:, ROBOTS] & (history.role[:, ROBOTS] == "explorer")
+    searches &= ~np.logical_or.reduce(other)
+    vain = searches[1:].any(axis=1) & (np.diff(history.free_team) <= 0)
+    return int(lasting(vain[:, None]).max(initial=0))
+
+
+declare(
+    "longest_without_news", "Longest search without news", "steps",
+    "Longest time in which the team found no free cell that nobody had known, though a working "
+    "robot searched: it was none that returned, relayed or waited for others.",
+    better="less", since=2,
+)(longest_without_news)  # fmt: skip
 
 
 @declare(

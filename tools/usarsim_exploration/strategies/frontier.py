@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from usarsim_exploration.bidding import CONSIDERED, Aim, Bidding
 from usarsim_exploration.exploring import Seeker
-from usarsim_exploration.frontiers import Frontier, find_frontiers
+from usarsim_exploration.frontiers import Frontier, frontiers_of
 from usarsim_exploration.mresim import planning
 from usarsim_exploration.strategy import View, register
 from usarsim_server.fields import field
@@ -36,7 +36,7 @@ class FrontierStrategy(Seeker):
         """By its own rule, or MRESim's."""
         if view.rules.mresim:
             return planning.find_frontiers(view.known)
-        return find_frontiers(view.known, uncertain=self.uncertain)
+        return frontiers_of(view, uncertain=self.uncertain)
 
     def choose(self, view: View, aims: Sequence[Aim]) -> Aim | None:
         """What it wins in the auction."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from usarsim_exploration.bidding import Bidding
 from usarsim_exploration.environment import Cell
-from usarsim_exploration.frontiers import find_frontiers
+from usarsim_exploration.frontiers import frontiers_of
 from usarsim_exploration.planning import Path
 from usarsim_exploration.relays import chain, ways_within
 from usarsim_exploration.strategy import (
@@ -28,7 +28,7 @@ from usarsim_exploration.strategy import (
     register,
     straight,
 )
-from usarsim_exploration.tether import leading, links, turn_to_base
+from usarsim_exploration.tether import leading, links, sees_base, turn_to_base
 from usarsim_server.fields import field
 
 NEWS = 1.05
@@ -82,8 +82,9 @@ class LeaderFollower(Strategy):
     def decide(self, view: View) -> Plan | None:
         """As much of the way as keeps both neighbours."""
         if not self._turned:
-            self._turned = True
-            if turn := turn_to_base(view):
+            turn = turn_to_base(view)
+            self._turned = not turn or sees_base(view)
+            if turn:
                 return Plan(turn, "turn")
         parent, child = self._neighbours(view)
         if parent not in view.linked:  # back to where it was, then to the base
@@ -163,7 +164,7 @@ class LeaderFollower(Strategy):
             self._go(view, view.base)
             return
         self._gathers, self._since = False, -1
-        frontiers = find_frontiers(view.known)
+        frontiers = frontiers_of(view)
         while True:
             beyond = [cell for cell, free in self._beyond.items() if view.known.free < NEWS * free]
             aims = [

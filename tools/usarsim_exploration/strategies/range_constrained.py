@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from usarsim_exploration.bidding import Aim, Bidding
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.exploring import go_home
-from usarsim_exploration.frontiers import find_frontiers
+from usarsim_exploration.frontiers import frontiers_of
 from usarsim_exploration.planning import Field, Path
 from usarsim_exploration.relays import LOOK, chain, ways_within, within
 from usarsim_exploration.strategy import (
@@ -29,7 +29,7 @@ from usarsim_exploration.strategy import (
     register,
     straight,
 )
-from usarsim_exploration.tether import held, leading, turn_to_base
+from usarsim_exploration.tether import held, leading, sees_base, turn_to_base
 from usarsim_server.fields import field
 
 SLACK = 2.0
@@ -81,8 +81,9 @@ class RangeConstrained(Strategy):
         if view.known.free != self._free:
             self._free, self._news, self._over = view.known.free, view.step, False
         if not self._turned:
-            self._turned = True
-            if turn := turn_to_base(view):
+            turn = turn_to_base(view)
+            self._turned = not turn or sees_base(view)
+            if turn:
                 return Plan(turn, "turn")
         if self._over or view.step - self._news > self.patience:
             return self._end(view)
@@ -187,7 +188,7 @@ class RangeConstrained(Strategy):
         if self._task is not None and self._is_held(view, view.path):
             return Plan(view.path, "relay", self._task)
         self._task = None
-        frontiers = find_frontiers(view.known)
+        frontiers = frontiers_of(view)
         aims = self._bidding.aims(view, frontiers, self.considered)
         asked, since = self._asked
         if not said or asked != self._anchors or view.step - since >= self.replan:
