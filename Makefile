@@ -10,7 +10,7 @@ SECONDS ?= 60
 # Servers and tests start Python hundreds of times: no use in compiling all modules each time.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: console run test fuzz lint format types bench fidelity worlds page package clean help
+.PHONY: console run test fuzz lint format types bench fidelity worlds missions page package clean help
 
 help:            ## show this list
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
@@ -45,6 +45,9 @@ fidelity: $(VENV)/ready-dev ## run the physics acceptance tests and print their 
 
 worlds: $(VENV)/ready-dev ## build the shipped worlds again from their generators
 	$(BIN)/python -m usarsim_worldgen
+
+missions: $(VENV)/ready-dev ## play the demonstrations of all missions, two at a time (hours; goes on where it was)
+	$(BIN)/python tests/demo_missions.py --out missions-played $(ARGS)
 
 page: $(VENV)/pip        ## build the console's page (node of PATH, else from PyPI)
 	@$(BIN)/python -c "import hatch_build, sys; sys.exit(not hatch_build.has_node())" || \
