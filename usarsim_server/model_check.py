@@ -85,6 +85,8 @@ def check_model(path: Path, folders: Folders, error: type[UsarsimError]) -> None
         error: naming file, line and cure, if a file cannot be read, lies outside or is no regular
             file, or if the model would grow beyond a bound.
     """
+    if not folders.admit(path):
+        raise error(at(path, "is a link that leads out of its folder", ALLOW_MODEL))
     look = _Look(path.parent, folders, error, {str(path.parent)})
     look.through(path)
     look.check_files()
