@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 from usarsim_server.errors import UsarsimError, at
 from usarsim_server.files import Folders, is_regular, named, open_regular, read_regular, reason
+from usarsim_server.toml import decoded
 
 MAX_TEXT = 64 << 20
 """Bytes of one XML file; the scene of the largest imported map has 3 MB."""
@@ -154,7 +155,7 @@ class _Look:
 
     def _elements(self, path: Path) -> Iterator[_Element]:
         try:
-            text = read_regular(path, MAX_TEXT).decode("utf-8", "replace")
+            text = decoded(read_regular(path, MAX_TEXT), path, self.error)
         except OSError as cause:
             problem = f"cannot be read: {reason(cause)}"
             raise self.error(at(path, problem, "check the path and its rights")) from None
