@@ -188,7 +188,7 @@ class TestPrivacy:
 
     def test_others_of_the_machine_read_nothing(self, tmp_path: Path) -> None:
         """Folders of participants have mode 0700, what is known of them 0600."""
-        folder = make_study(tmp_path, Plan(2))
+        folder = make_study(tmp_path, Plan(4))
         assert cli.main(["study", "export", str(tmp_path)]) == 0
         for one in folder.participants():
             place = folder.place(one.code)
