@@ -5,12 +5,15 @@ from __future__ import annotations
 import ast
 import stat
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import usarsim_server
 from usarsim_operator.recording import Writer
 from usarsim_operator.tokens import kept_tokens
+from usarsim_record import record_command
+from usarsim_server.cli import main
 from usarsim_server.errors import SettingsError, UsarsimError
 from usarsim_server.files import write_text
 from usarsim_server.options import load_settings
@@ -60,6 +63,22 @@ def test_what_is_secret_or_personal_is_private(tmp_path: Path) -> None:
     assert {one.name: mode(one) for one in tmp_path.iterdir()} == dict.fromkeys(
         ("tokens", "recording", "forms", "data"), 0o600
     )
+
+
+def test_a_recording_of_a_session_is_private(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What `usarsim record` writes may hold tokens of the scene port."""
+    seen: list[int] = []
+
+    async def recorded(links: Any, writer: Any, host: str, fresh: Path, file: Path) -> int:
+        seen.append(mode(fresh))
+        return 0
+
+    monkeypatch.setattr(record_command, "_record", recorded)
+    words = ["--listen", "0", "--to", "127.0.0.1:1", str(tmp_path / "session")]
+    assert main(["record", *words]) == 0
+    assert seen == [0o600]
 
 
 def test_no_child_gets_a_token_by_its_command_line() -> None:

@@ -27,6 +27,7 @@ from usarsim_server.options import load_settings
 from usarsim_server.private import secret
 from usarsim_server.toml import read_toml
 from usarsim_server.worlds.loader import load_world
+from usarsim_server.worlds.scene import build_scene
 from usarsim_study.assignment import read_allocation
 from usarsim_study.study_file import find_study, read_study
 
@@ -70,6 +71,14 @@ def world(path: Path) -> object:
     return load_world(folder)
 
 
+def scene(path: Path) -> object:
+    """A world whose `scene.xml` this is."""
+    folder = path.with_name("yard")
+    shutil.copytree(data_directory("worlds") / "empty", folder, dirs_exist_ok=True)
+    path.replace(folder / "scene.xml")
+    return build_scene(load_world(folder))
+
+
 FILES: dict[str, tuple[str, Callable[[Path], object]]] = {
     "settings": ('world = "arena"\n', lambda path: load_settings({}, path)),
     "team": ('name = "A"\npolicy = "hold"\n', read_team),
@@ -79,6 +88,10 @@ FILES: dict[str, tuple[str, Callable[[Path], object]]] = {
     "world": (
         (data_directory("worlds") / "arena" / "world.toml").read_text(encoding="utf-8"),
         world,
+    ),
+    "scene": (
+        (data_directory("worlds") / "empty" / "scene.xml").read_text(encoding="utf-8"),
+        scene,
     ),
     "token": ("0123456789abcdef\n", token),
     "recording": (RECORDING, read_recording),

@@ -25,7 +25,7 @@ from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO, Literal
 
-from usarsim_server.errors import plain
+from usarsim_server.errors import UsarsimError, at, plain
 
 MAX_TEXT = 16 << 20
 """Bytes of a file that people write: settings, robots, worlds. The largest known, the sheet of an
@@ -33,6 +33,9 @@ imported town, has 1.1 MB."""
 
 ALLOW = "name its folder with --assets DIR, or give --allow-outside"
 """What lets a map read a file that lies elsewhere."""
+
+COPY = "put a copy in its place"
+"""What to do about a link that is not followed."""
 
 _KINDS = {
     stat.S_IFIFO: "a named pipe",
@@ -147,6 +150,20 @@ class Folders:
         if self.admit(path):
             return None
         return f"{asker.name} asks for {str(path)[:300]!r}, which lies outside the given folders"
+
+
+def check_links(folder: Path, error: type[UsarsimError]) -> None:
+    """Refuse a folder that somebody may have sent, if a symbolic link in it leads out of it.
+
+    Raises:
+        error: naming the link.
+    """
+    inside = Folders([folder])
+    for parent, folders, files in os.walk(folder):
+        for name in (*folders, *files):
+            path = Path(parent, name)
+            if path.is_symlink() and not inside.admit(path):
+                raise error(at(path, "is a link that leads out of its folder", COPY))
 
 
 def _real(path: Path | str) -> str:

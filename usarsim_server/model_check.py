@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 from usarsim_server.errors import UsarsimError, at
 from usarsim_server.files import Folders, is_regular, named, open_regular, read_regular, reason
+from usarsim_server.toml import decoded
 
 MAX_TEXT = 64 << 20
 """Bytes of one XML file; the scene of the largest imported map has 3 MB."""
@@ -85,6 +86,8 @@ def check_model(path: Path, folders: Folders, error: type[UsarsimError]) -> None
         error: naming file, line and cure, if a file cannot be read, lies outside or is no regular
             file, or if the model would grow beyond a bound.
     """
+    if not folders.admit(path):
+        raise error(at(path, "is a link that leads out of its folder", ALLOW_MODEL))
     look = _Look(path.parent, folders, error, {str(path.parent)})
     look.through(path)
     look.check_files()
@@ -152,7 +155,7 @@ class _Look:
 
     def _elements(self, path: Path) -> Iterator[_Element]:
         try:
-            text = read_regular(path, MAX_TEXT).decode("utf-8", "replace")
+            text = decoded(read_regular(path, MAX_TEXT), path, self.error)
         except OSError as cause:
             problem = f"cannot be read: {reason(cause)}"
             raise self.error(at(path, problem, "check the path and its rights")) from None

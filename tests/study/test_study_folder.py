@@ -241,6 +241,18 @@ class TestPrivacy:
             steps += 1
         assert steps > 20
 
+    def test_others_of_the_machine_read_nothing(self, tmp_path: Path) -> None:
+        """Folders of participants have mode 0700, what is known of them 0600."""
+        folder = make_study(tmp_path, Plan(4))
+        assert cli.main(["study", "export", str(tmp_path)]) == 0
+        for one in folder.participants():
+            place = folder.place(one.code)
+            assert place.stat().st_mode & 0o777 == 0o700
+            for name in ("participant.json", "forms.jsonl"):
+                assert (place / name).stat().st_mode & 0o777 == 0o600
+        for name in ("allocation.csv", "data/answers.csv", "data/participants.csv"):
+            assert (tmp_path / name).stat().st_mode & 0o777 == 0o600
+
     def test_no_clock_and_no_machine(self, made: StudyFolder) -> None:
         """No file holds a time of day, an address or a host's name."""
         for path in made.path.rglob("*"):

@@ -24,7 +24,7 @@ from usarsim_exploration.strategy_file import split
 from usarsim_exploration.worlds import World
 from usarsim_exploration.worlds.pictures import save_map
 from usarsim_server.errors import at
-from usarsim_server.files import read_regular, reason, write_bytes, write_text
+from usarsim_server.files import check_links, read_regular, reason, write_bytes, write_text
 from usarsim_server.toml import toml_text
 
 FORMAT = "usarsim-explore-run/1"
@@ -164,6 +164,7 @@ def load_run(folder: Path, options: Iterable[str] = (), *, code: bool) -> Scenar
     Raises:
         UsarsimError: a file cannot be used.
     """
+    check_links(folder, ExplorationError)
     return load(folder / SCENARIO, [*rules_of(folder), *options], code=code)
 
 

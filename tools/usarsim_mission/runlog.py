@@ -26,7 +26,7 @@ from usarsim_mission.records import Record
 from usarsim_mission.scoring import Rules, read_rules
 from usarsim_mission.truth_lines import Packer, Thinner, Unpacker
 from usarsim_server.errors import at
-from usarsim_server.files import open_regular, reason, write_text
+from usarsim_server.files import check_links, open_regular, reason, write_text
 from usarsim_server.toml import toml_text
 
 EVENTS, TRUTH = "events.jsonl", "truth.jsonl"
@@ -243,11 +243,12 @@ class RunFolder:
         """Look whether it is one.
 
         Raises:
-            RunLogError: it is none.
+            RunLogError: it is none, or a link in it leads out of it.
         """
         if not (path / EVENTS).is_file():
             cure = "name the folder of a run, with events.jsonl"
             raise RunLogError(at(path, "is no run", cure))
+        check_links(path, RunLogError)
         self.path, self.cut, self.missing = path, list[str](), 0
 
     def world(self) -> tuple[Mission, World]:

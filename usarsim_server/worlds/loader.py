@@ -17,7 +17,7 @@ from typing import NoReturn
 
 from usarsim_server import errors
 from usarsim_server.errors import WorldError
-from usarsim_server.files import data_directory, is_regular
+from usarsim_server.files import COPY, Folders, data_directory, is_regular
 from usarsim_server.simulation.frames import flip_point
 from usarsim_server.tables import Table
 from usarsim_server.toml import read_toml
@@ -83,6 +83,8 @@ def load_world(folder: Path, *, depth: int = 0) -> WorldDescription:
     sheet = folder / SHEET
     if not os.path.lexists(sheet):
         _missing(sheet, "the facts of the world")
+    if not Folders([folder]).admit(sheet):
+        raise WorldError(errors.at(sheet, "is a link that leads out of its folder", COPY))
     table = Table(read_toml(sheet, WorldError, "start"), sheet, WorldError)
     base = _base(table, folder, depth) if table.has("extends") else None
     scene = folder / SCENE

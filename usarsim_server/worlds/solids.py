@@ -39,7 +39,7 @@ def read_apart(scene: Path) -> tuple[mujoco.MjSpec, FixedPart] | None:
         ValueError: MuJoCo cannot read or compile it.
         OSError: a file cannot be read.
     """
-    text = read_regular(scene).decode("utf-8", "replace")
+    text = read_regular(scene).decode("utf-8-sig", "replace")
     if "<attach" not in text or _DECLARED.search(text):
         return None
     try:

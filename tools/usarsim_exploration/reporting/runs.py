@@ -29,7 +29,7 @@ from usarsim_exploration.run_folder import FORMAT as RUN_FORMAT
 from usarsim_exploration.run_folder import RUN
 from usarsim_server.csv_files import read_csv
 from usarsim_server.errors import at
-from usarsim_server.files import is_folder, is_regular, read_regular, reason
+from usarsim_server.files import check_links, is_folder, is_regular, read_regular, reason
 from usarsim_server.tables import Table, finite
 
 _LARGEST = 1 << 30
@@ -167,6 +167,7 @@ def _new(seen: dict[object, tuple[str, Source]], key: object, place: str, source
 def _read(folder: Path) -> Source:
     if not is_folder(folder):
         raise ExplorationError(at(folder, "is no folder", "name a folder of results"))
+    check_links(folder, ExplorationError)
     found = [name for name in (RUN, RESULT) if is_regular(folder / name)]
     if not found:
         cure = "name a folder that `usarsim explore run --out` or `usarsim explore bench` wrote"

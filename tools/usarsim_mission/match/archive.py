@@ -7,7 +7,7 @@ from pathlib import Path
 
 from usarsim_mission.errors import RunLogError
 from usarsim_server.errors import at
-from usarsim_server.files import reason
+from usarsim_server.files import check_links, reason
 
 ARCHIVE = "run.zip"
 _TIME = (1980, 1, 1, 0, 0, 0)
@@ -20,6 +20,7 @@ def write_archive(folder: Path) -> Path:
     Raises:
         RunLogError: it cannot be written.
     """
+    check_links(folder, RunLogError)
     path = folder / ARCHIVE
     members = sorted(
         one
