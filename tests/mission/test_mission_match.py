@@ -71,6 +71,8 @@ def _team(folder: Path, text: str) -> Path:
         ('name = "A"\ncommand = ["run", "{prot}"]', "{prot}"),
         ('name = "A"\nwait = true\n[synthetic]', "stands without policy"),
         ('name = "A', "is not valid TOML"),
+        ("name = " + "[" * 100_000, "nested too deeply"),
+        ("name = 1" + "0" * 100_000, "is not valid TOML"),
     ],
 )
 def test_what_a_team_cannot_be(tmp_path: Path, text: str, why: str) -> None:

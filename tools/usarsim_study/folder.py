@@ -218,7 +218,7 @@ def values_of(folder: Path) -> tuple[list[Value], list[Record]]:
         kept = json.loads((folder / CACHE).read_text(encoding="utf-8"))
         if kept["stamp"] == stamp:
             return [Value(*one) for one in kept["values"]], kept["forms"]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, RecursionError, KeyError, TypeError):
         pass
     records = read_records(folder)
     score = _read_json(folder / SCORE) if (folder / SCORE).exists() else {}
@@ -283,7 +283,7 @@ def _read_json(path: Path) -> dict[str, Any]:
         found = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise StudyError(f"{path}: cannot be read: {error.strerror} (check its rights)") from None
-    except ValueError:
+    except (ValueError, RecursionError):
         raise StudyError(f"{path}: is no JSON (restore the file)") from None
     if not isinstance(found, dict):
         raise StudyError(f"{path}: is no JSON object (restore the file)")

@@ -142,7 +142,7 @@ def read(folder: Path) -> Dataset:
     except OSError as error:
         cure = "export the study: usarsim study export DIR"
         raise StudyError(f"{folder / PACKAGE}: cannot be read: {error.strerror} ({cure})") from None
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, RecursionError, KeyError, TypeError):
         raise StudyError(f"{folder / PACKAGE}: is no data of a study (export it again)") from None
     trials = []
     for row in _rows(folder, "trials"):

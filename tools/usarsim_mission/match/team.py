@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +11,9 @@ from usarsim_mission.errors import MissionError
 from usarsim_mission.match.synthetic import Skill
 from usarsim_server.errors import at
 from usarsim_server.fields import field
-from usarsim_server.files import read_regular, reason
 from usarsim_server.tables import Table
+from usarsim_server.toml import read_toml
 
-LARGEST = 1 << 20
-"""Bytes of a team file."""
 PLACES = ("host", "port", "image_port", "wireless_port", "truth_port", "robots", "run")
 """What stands in braces in a command: `{port}`, for example."""
 
@@ -102,14 +99,7 @@ def read_team(path: Path) -> Team:
     Raises:
         MissionError: it cannot be read, or something in it cannot be.
     """
-    try:
-        content = tomllib.loads(read_regular(path, LARGEST).decode("utf-8"))
-    except OSError as error:
-        cure = "check the path and its rights"
-        raise MissionError(at(path, f"cannot be read: {reason(error)}", cure)) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise MissionError(at(path, f"is not valid TOML: {error}", "mend that place")) from None
-    table = Table(content, path, MissionError)
+    table = Table(read_toml(path, MissionError), path, MissionError)
     team = table.read(Team, path=path)
     table.finish()
     kinds = [bool(team.command), bool(team.policy), team.wait, team.console]

@@ -74,7 +74,7 @@ def is_blind(folder: Path) -> bool:
         if (above / _STUDY).exists():
             try:
                 study = tomllib.loads(read_regular(above / _STUDY).decode())
-            except (OSError, ValueError):
+            except (OSError, ValueError, RecursionError):
                 return True
             return study.get("blind", False) is not False
     return False
