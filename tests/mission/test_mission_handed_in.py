@@ -66,6 +66,8 @@ def test_files_are_moved_and_read_back(tmp_path: Path, frame: Frame) -> None:
         ("team_map.tfw", "0.1\n0\n0\n0.1\n0\n0\n", "is no world file"),
         ("team_map.tfw", "nan 0 0 nan 0 0", "is no world file"),
         ("team_map.tiff", "what?", "is no picture"),
+        ("team_map.tiff", "%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "is no picture"),
+        ("team_map.tiff", "BM", "is no picture"),
         ("team_victim.txt", "Victim1, 1, 2, 0, VICTIM, 1\n", "END is missing"),
         ("team_victim.txt", "Victim1, nan, 2, 0, VICTIM, 1\nEND", "is no number"),
     ],

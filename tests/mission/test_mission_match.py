@@ -79,6 +79,8 @@ def _team(folder: Path, text: str) -> Path:
         ('name = "A"\nwait = true\nfolder = "gone"', "line 3: folder: 'gone' is no folder"),
         ('name = "A"\nwait = true\n[environment]\n"A=B" = 1', "'A=B' is no name of a variable"),
         ('name = "A"\nwait = true\n[environment]\nA = [1]', "A: [1] is no value of a variable"),
+        ("name = " + "[" * 100_000, "nested too deeply"),
+        ("name = 1" + "0" * 100_000, "is not valid TOML"),
     ],
 )
 def test_what_a_team_cannot_be(tmp_path: Path, text: str, why: str) -> None:

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from PIL import Image
 from virtual_station import VirtualPage, VirtualStation
 
-from usarsim_client import Picture
+from usarsim_client import Picture, ProtocolError
 from usarsim_operator import packets, slimming
 from usarsim_operator.impaired_link import ImpairedLink
 from usarsim_operator.impairment import Conditions
-from usarsim_operator.pictures import CameraFeed
+from usarsim_operator.pictures import CameraFeed, jpeg
 from usarsim_operator.roles import Role
 from usarsim_operator.uptake import SLOW, Uptake
 
@@ -250,3 +250,20 @@ def test_pictures_and_points_become_small() -> None:
     assert count > 200
     assert struct.unpack_from("<f", thin, len(thin) - 12)[0] > 7900
     assert slimming.slim(head + b"no picture", 20) == head + b"no picture"
+
+
+def test_huge_pictures_cost_little() -> None:
+    """A picture of 16 million pixels is made small by what JPEG gives of it, and one that names
+    more than any server draws is neither decoded nor handed on to pages."""
+    out = io.BytesIO()
+    Image.new("RGB", (4096, 4096), "red").save(out, "JPEG", quality=80)
+    seen = Image.open(io.BytesIO(slimming.smaller(out.getvalue(), 10_000_000)))
+    assert seen.width * seen.height <= 2_000_000
+    at = out.getvalue().index(b"\xff\xc0") + 5
+    bomb = out.getvalue()[:at] + struct.pack(">HH", 65_500, 65_500) + out.getvalue()[at + 4 :]
+    assert slimming.smaller(bomb, 100) == bomb
+    with pytest.raises(ProtocolError, match="no real one"):
+        jpeg(Picture(1, bomb))
+    with pytest.raises(ProtocolError, match="no JPEG"):
+        jpeg(Picture(1, b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 10 10\n"))
+    assert jpeg(Picture(1, out.getvalue())) == out.getvalue()

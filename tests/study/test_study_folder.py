@@ -21,6 +21,7 @@ from usarsim_study.errors import StudyError
 from usarsim_study.folder import FORMS, StudyFolder, append_form, values_of
 from usarsim_study.forms import FormState
 from usarsim_study.measures import MEASURES
+from usarsim_study.records import last_line, read_lines
 from usarsim_study.synthetic import Plan, make_study
 
 
@@ -258,3 +259,12 @@ class TestPrivacy:
         for path in made.path.rglob("*"):
             text = path.read_text() if path.is_file() else ""
             assert not re.search(r"\d\d:\d\d:\d\d|\d+\.\d+\.\d+\.\d+|localhost|Mozilla", text), path
+
+
+def test_what_is_nested_too_deeply_is_no_record(tmp_path: Path) -> None:
+    """A line of brackets in a log is one clear error, not a defect."""
+    path = tmp_path / "events.jsonl"
+    path.write_text("[" * 100_000 + "\n")
+    with pytest.raises(StudyError, match="line 1: is no JSON object"):
+        list(read_lines(path))
+    assert last_line(path) is None

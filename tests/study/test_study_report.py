@@ -7,6 +7,7 @@ import shutil
 import time
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -16,7 +17,7 @@ from usarsim_study.analysis import Analysis, analyse
 from usarsim_study.dataset import collect
 from usarsim_study.folder import StudyFolder
 from usarsim_study.plots import forest
-from usarsim_study.svg import COLOURS
+from usarsim_study.svg import COLOURS, picture
 from usarsim_study.synthetic import STUDY, Plan, make_study
 
 PLANTED = Plan(20, effect=1.0, aborted=1, excluded=1, skipped=1)
@@ -201,3 +202,11 @@ def test_no_folder_is_one_error(tmp_path: Path, capsys: pytest.CaptureFixture[st
     """Exit code 2 and a cure."""
     assert cli.main(["study", "report", str(tmp_path)]) == 2
     assert capsys.readouterr().err.startswith("error: ")
+
+
+def test_what_a_picture_shows_is_text() -> None:
+    """Whatever is in its label, it stays in there."""
+    label = r'a" onload="alert(1)"><script>\g<1>'
+    svg = picture("p", label, 1.0, 1.0, lambda figure: None)
+    assert ElementTree.fromstring(svg).get("aria-label") == label
+    assert "<script" not in svg

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import io
 import struct
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -13,12 +16,15 @@ from usarsim_client.inbox import Inbox, ProtocolError
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+    from PIL.Image import Image as OpenPicture
 
 FULL_FRAME = b"OK"
 """The request for the full frame."""
 HEADER = struct.Struct(">BI")
 """Before each payload: type byte and length."""
 _SIDES = struct.Struct(">HH")
+MOST_PIXELS = 4096 * 4096
+"""Of a picture; no server draws larger ones. A JPEG of some kilobytes may name billions."""
 _LARGEST = 1 << 28
 """Bytes; no real frame is larger, but a length read in the wrong byte order is."""
 
@@ -56,13 +62,15 @@ class Picture:
         if self.empty:
             return 0, 0
         if not self.raw:
-            height, width = self.pixels.shape[:2]
-            return width, height
+            with opened(self.payload) as image:
+                return image.size
         if len(self.payload) < _SIDES.size:
             raise ProtocolError(
                 f"a raw payload of {len(self.payload)} bytes has no width and height"
             )
         width, height = _SIDES.unpack_from(self.payload)
+        if width * height > MOST_PIXELS:
+            raise ProtocolError(f"a picture of {width} x {height} pixels is no real one")
         return width, height
 
     @cached_property
@@ -106,12 +114,33 @@ def header(data: bytes) -> tuple[int, int]:
     return kind, length
 
 
-def _decoded(data: bytes) -> NDArray[np.uint8]:
-    import numpy as np
+@contextmanager
+def opened(data: bytes) -> Iterator[OpenPicture]:
+    """A JPEG picture while it is open, not decoded yet.
+
+    Raises:
+        ProtocolError: it is none, turns out to be damaged meanwhile, or has too many pixels.
+    """
     from PIL import Image
 
     try:
-        with Image.open(io.BytesIO(data)) as image:
-            return np.asarray(image.convert("RGB"))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            # Formats of others run what is in them, or take far longer.
+            image = Image.open(io.BytesIO(data), formats=["JPEG"])
+        with image:
+            if image.width * image.height > MOST_PIXELS:
+                shown = f"{image.width} x {image.height}"
+                raise ProtocolError(f"a picture of {shown} pixels is no real one")
+            yield image
+    except Image.DecompressionBombError:
+        raise ProtocolError("a picture of so many pixels is no real one") from None
     except (OSError, SyntaxError, ValueError) as error:
         raise ProtocolError(f"{len(data)} bytes of payload are no JPEG picture: {error}") from None
+
+
+def _decoded(data: bytes) -> NDArray[np.uint8]:
+    import numpy as np
+
+    with opened(data) as image:
+        return np.asarray(image.convert("RGB"))

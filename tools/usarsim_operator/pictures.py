@@ -24,8 +24,9 @@ def jpeg(picture: Picture) -> bytes:
     """A picture as JPEG; those that come as JPEG stay as they are.
 
     Raises:
-        ProtocolError: if it is no picture.
+        ProtocolError: if it is no picture, or has more pixels than pages should have to decode.
     """
+    picture.size  # noqa: B018 (looks)
     if not picture.raw:
         return picture.payload
     from PIL import Image

@@ -248,7 +248,7 @@ def values_of(folder: Path) -> tuple[list[Value], list[Record]]:
         kept = json.loads((folder / CACHE).read_text(encoding="utf-8"))
         if kept["stamp"] == stamp:
             return [Value(*one) for one in kept["values"]], kept["forms"]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, RecursionError, KeyError, TypeError):
         pass
     records = read_records(folder)
     score = _read_json(folder / SCORE) if (folder / SCORE).exists() else {}
@@ -311,7 +311,7 @@ def _write_json(path: Path, content: dict[str, Any]) -> None:
 def _read_json(path: Path) -> dict[str, Any]:
     try:
         found = json.loads(read_text(path, StudyError))
-    except ValueError:
+    except (ValueError, RecursionError):
         raise StudyError(f"{path}: is no JSON (restore the file)") from None
     if not isinstance(found, dict):
         raise StudyError(f"{path}: is no JSON object (restore the file)")

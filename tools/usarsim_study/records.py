@@ -47,7 +47,7 @@ def read_lines(path: Path) -> Iterator[Record]:
     for number, line in enumerate(lines, start=1):
         try:
             record = json.loads(line)
-        except ValueError:
+        except (ValueError, RecursionError):
             if not line.endswith(b"\n"):
                 return
             record = None
@@ -66,6 +66,6 @@ def last_line(path: Path) -> Record | None:
                 file.seek(max(0, end - size))
                 tail, size = file.read(size), size * 8
         record = json.loads(tail.splitlines()[-1]) if tail.endswith(b"\n") else None
-    except (OSError, ValueError, IndexError):
+    except (OSError, ValueError, RecursionError, IndexError):
         return None
     return record if isinstance(record, dict) and "seq" in record else None

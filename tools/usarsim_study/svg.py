@@ -5,6 +5,7 @@ No date, identifiers from a fixed salt, text as text in the page's own typeface.
 
 from __future__ import annotations
 
+import html
 import io
 import re
 from collections.abc import Callable
@@ -66,8 +67,8 @@ def picture(
     svg = re.sub(r"font-family: [^;\"]*;? ?|font: ([0-9.]+px) [^;\"]*", _size_only, svg)
     size = re.search(r'viewBox="0 0 ([0-9.]+) ', svg)
     shown = round(float(size[1])) if size else 0
-    head = f'<svg role="img" aria-label="{label}" style="max-width:{shown}pt"'
-    svg = re.sub(r'<svg (height|width)="[^"]*"|<svg', head, svg, count=1)
+    head = f'<svg role="img" aria-label="{html.escape(label)}" style="max-width:{shown}pt"'
+    svg = re.sub(r'<svg (height|width)="[^"]*"|<svg', lambda _: head, svg, count=1)
     svg = re.sub(r'(<svg[^>]*?) (?:width|height)="[^"]*pt"', r"\1", svg, count=1)
     svg = re.sub(r'(<svg[^>]*?) (?:width|height)="[^"]*pt"', r"\1", svg, count=1)
     return re.sub(r"[ \t]*\n[ \t]*", "\n", svg).strip()

@@ -140,7 +140,7 @@ def read(folder: Path) -> Dataset:
         package = json.loads(read_text(folder / PACKAGE, StudyError))
         about = package["study"]
         known = [one["name"] for one in about["conditions"]]
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, RecursionError, KeyError, TypeError):
         raise StudyError(f"{folder / PACKAGE}: is no data of a study (export it again)") from None
     trials = []
     for row in _rows(folder, "trials"):

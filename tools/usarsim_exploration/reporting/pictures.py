@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable, Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -274,7 +273,7 @@ def axes_of(axes: Axes, head: str, unit: str) -> None:
 
 def picture_of(name: str, label: str, height: float, draw: Callable[[Figure], None]) -> str:
     """An SVG of the width of the page. height: inches."""
-    return picture(name, escape(label), WIDTH, height, draw)
+    return picture(name, label, WIDTH, height, draw)
 
 
 def _text(name: str) -> str:

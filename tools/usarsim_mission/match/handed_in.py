@@ -36,6 +36,7 @@ Frame = Literal["usarsim", "world"]
 """y to the right, as robots tell places, or to the left, as world files do."""
 FOLDER = "handed-in"
 """Within that of the run."""
+_FORMATS = ("TIFF", "PNG", "BMP", "GIF", "JPEG")  # others may run what is in them
 _VICTIMS, _INFO, _MAP, _PLACE = "_victim.txt", "_victim_info.txt", "_map.tiff", "_map.tfw"
 _MOST = 1000
 _COLOURS = {
@@ -106,10 +107,12 @@ def read_map(path: Path) -> Grid:
         cure = "write side of a cell, 0, 0, minus that, x and y of the first pixel's middle"
         raise MissionError(at(place, "is no world file of such a map", cure)) from None
     try:
-        with Image.open(io.BytesIO(read_regular(path, 256 << 20))) as picture:
+        with Image.open(io.BytesIO(read_regular(path, 256 << 20)), formats=_FORMATS) as picture:
             if max(picture.size) > LARGEST:
                 raise MissionError(at(path, "is too large", f"use {LARGEST} pixels a side"))
             pixels = np.asarray(picture.convert("RGB"), np.int32)
+    except Image.DecompressionBombError:
+        raise MissionError(at(path, "is too large", f"use {LARGEST} pixels a side")) from None
     except (OSError, UnidentifiedImageError, ValueError) as error:
         raise MissionError(at(path, f"is no picture: {error}", "write a TIFF")) from None
     known = np.array(list(_COLOURS), np.int32)

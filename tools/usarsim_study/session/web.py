@@ -55,7 +55,7 @@ def kept_tokens(path: Path) -> dict[int, str]:
         tokens = {seat: str(told[name]) for seat, name in SEATS.items()}
     except OSError as error:
         raise StudyError(f"{path}: {reason(error)} (name a folder of yours)") from None
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, RecursionError, KeyError, TypeError):
         raise StudyError(f"{path}: holds no tokens (delete it for new ones)") from None
     if open_to_others:
         raise StudyError(f"{path}: others may read it (chmod 600, or delete it for new ones)")
