@@ -99,10 +99,16 @@ def test_nobody_is_home_while_data_is_not() -> None:
     assert result.history.known_base[-1] >= 0.95 * result.history.reachable[-1]
 
 
-@pytest.mark.parametrize(("noise", "least"), [(0.5, 0.95), (3.0, 0.85)])
-def test_noise_does_not_end_runs_early(noise: float, least: float) -> None:
+@pytest.mark.parametrize("strategy", ["frontier", "next-best-view"])
+@pytest.mark.parametrize(("noise", "least"), [(0.5, 0.95), (1.0, 0.92), (3.0, 0.86)])
+def test_noise_does_not_end_runs_early(noise: float, least: float, strategy: str) -> None:
     """One bad beam makes no certain wall."""
-    result = run(read({"environment": {"name": "lab"}, "team": {"robots": 2, "noise": noise}}))
+    content = {
+        "environment": {"name": "lab"},
+        "team": {"robots": 2, "noise": noise},
+        "strategy": {"name": strategy},
+    }
+    result = run(read(content))
     assert result.history.known_base[-1] >= least * result.history.reachable[-1]
 
 

@@ -38,27 +38,30 @@ Mask = NDArray[np.bool_]
 class Lattice:
     """Known free cells, one in nine, and between which of them a straight way leads.
 
+    Where most are in passages narrower than `PITCH`, it is all of them.
+
     Attributes:
-        cells: (n, 2).
+        cells: (n, 2). pitch: cells between two of them.
     """
 
     def __init__(self, view: View) -> None:
         """Of the map of now."""
         self._view = view
         free = view.planner.passable != 0
-        nodes = free[::PITCH, ::PITCH]
+        self.pitch = pitch = 1 if view.rules.narrow and _is_narrow(view) else PITCH
+        nodes = free[::pitch, ::pitch]
         rows, columns = nodes.shape
         self._grid = np.full(nodes.shape, -1)
         where = np.argwhere(nodes)
         self._grid[where[:, 0], where[:, 1]] = np.arange(len(where))
-        self.cells: NDArray[np.int64] = where[:, ::-1] * PITCH
+        self.cells: NDArray[np.int64] = where[:, ::-1] * pitch
         self._where = where
         # nodes at even places of a picture, and between them what joins two
         self._joined = np.zeros((2 * rows, 2 * columns), np.bool_)
         self._joined[::2, ::2] = nodes
-        across, down = free[::PITCH], free[:, ::PITCH]
-        right = np.logical_and.reduce([across[:, k::PITCH][:, : columns - 1] for k in (0, 1, 2)])
-        below = np.logical_and.reduce([down[k::PITCH][: rows - 1] for k in (0, 1, 2)])
+        across, down, between = free[::pitch], free[:, ::pitch], range(pitch)
+        right = np.logical_and.reduce([across[:, k::pitch][:, : columns - 1] for k in between])
+        below = np.logical_and.reduce([down[k::pitch][: rows - 1] for k in between])
         self._joined[::2, 1:-1:2] = right & nodes[:, 1:]
         self._joined[1:-1:2, ::2] = below & nodes[1:]
 
@@ -86,7 +89,7 @@ class Lattice:
 
     def _near(self, cell: Cell, mask: Mask) -> int:
         """The nearest of a mask, of those around a cell; -1: there is none."""
-        row, column = round(cell[1] / PITCH), round(cell[0] / PITCH)
+        row, column = round(cell[1] / self.pitch), round(cell[0] / self.pitch)
         around = self._grid[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
         found = around[around >= 0]
         found = found[mask[found]]
@@ -115,17 +118,24 @@ class Lattice:
     def beside(self, goals: Sequence[Cell]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Cells of it from which goals are seen, (n, 2), and which of them, (n, goals), 0 or 1."""
         off = np.abs(self.cells[:, None] - np.array(goals)).max(axis=2)
-        near = off <= PITCH * (len(_AROUND) // 2) + PITCH // 2
+        near = off <= self.pitch * (len(_AROUND) // 2) + self.pitch // 2
         some = near.any(axis=1)
         return self.cells[some], near[some].astype(np.int64)
 
     def covers(self, mask: Mask, goals: Sequence[Cell]) -> NDArray[np.bool_]:
         """Which goals lie beside a cell of a mask, (goals,)."""
         wide = self.wide(mask)
-        there = np.round(np.array(goals) / PITCH).astype(np.int64)
+        there = np.round(np.array(goals) / self.pitch).astype(np.int64)
         there = np.minimum(there, np.array(wide.shape[::-1]) - 1)
         found: NDArray[np.bool_] = wide[there[:, 1], there[:, 0]] != 0
         return found
+
+
+def _is_narrow(view: View) -> bool:
+    """Whether most of what is known is in passages narrower than `PITCH`."""
+    free, square = view.planner.passable, np.ones((PITCH, PITCH), np.uint8)
+    wide = cv2.morphologyEx(free, cv2.MORPH_OPEN, square)
+    return 2 * int(np.count_nonzero(wide)) < view.known.free
 
 
 def within(view: View, anchors: Sequence[Cell]) -> NDArray[np.uint8]:
@@ -135,9 +145,10 @@ def within(view: View, anchors: Sequence[Cell]) -> NDArray[np.uint8]:
     """
     lattice = Lattice(view)
     links = held(view, lattice.cells, anchors)
-    wide = np.repeat(np.repeat(lattice.wide(links), PITCH, axis=0), PITCH, axis=1)
+    pitch = lattice.pitch
+    wide = np.repeat(np.repeat(lattice.wide(links), pitch, axis=0), pitch, axis=1)
     rows, columns = view.planner.passable.shape
-    shifted = np.pad(wide, PITCH // 2, mode="edge")[PITCH - 1 :, PITCH - 1 :]  # nodes in the middle
+    shifted = np.pad(wide, pitch // 2, mode="edge")[pitch - 1 :, pitch - 1 :]  # nodes in the middle
     found: NDArray[np.uint8] = view.planner.passable & shifted[:rows, :columns]
     return found
 

@@ -22,8 +22,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from usarsim_exploration import teams, worlds
-from usarsim_exploration.cycle import Member
+from usarsim_exploration.cycle import BASE, Member
 from usarsim_exploration.ending import End
+from usarsim_exploration.environment import Cell
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.events import Event, read_events
 from usarsim_exploration.levels.discs import Discs
@@ -35,6 +36,7 @@ from usarsim_exploration.strategy import TYPES, Strategy
 from usarsim_exploration.strategy_file import load_strategy, split
 from usarsim_exploration.worlds import World, scale_of
 from usarsim_exploration.worlds.catalogue import Recipe
+from usarsim_exploration.worlds.fitting import note
 from usarsim_exploration.worlds.generators import KINDS, Shape
 from usarsim_exploration.worlds.pictures import Rules
 from usarsim_server.fields import field, keys
@@ -198,6 +200,8 @@ def read(
     discs, physics = table.one("discs", Discs), table.one("physics", Physics)
     events = read_events(table, [one.name for one in team], world.environment)
     table.finish({"robots": "write it in [team]", "world": "write [environment] name"})
+    if bodies and (told := _forbidden(world, team[BASE].cell, basics, discs)):
+        world = replace(world, notes=(*world.notes, told))
     return Scenario(
         world, team, radio, strategy, name, basics, discs, physics, end, events, dict(content),
         mapped, files,
@@ -245,6 +249,15 @@ def _value(text: str) -> object:
         return parse_toml(f"value = {text}", Path(OPTIONS), ExplorationError)["value"]
     except ExplorationError:
         return text
+
+
+def _forbidden(world: World, base: Cell, basics: Basics, discs: Discs) -> str:
+    """What the width of robots keeps them from."""
+    scale = scale_of(world.environment.cell) if basics.holding.starts else 1.0
+    if basics.backend == "discs":
+        return note(world.environment, base, discs.wide(scale), "cure: a smaller discs.width")
+    cure = "cure: wider passages, or backend = discs with a smaller discs.width"
+    return note(world.environment, base, Discs().wide(scale), cure)
 
 
 def _find_world(table: Table, folder: Path, *, bodies: bool) -> tuple[World, bool]:

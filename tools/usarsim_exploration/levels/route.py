@@ -23,6 +23,8 @@ SNAP = 8
 """Cells from a path within which a robot that gets no nearer may stay: another one fits between."""
 _COMFORT = 7.0
 """Cells to a wall beyond which more is no better."""
+_OPEN = 1e6
+"""Cells to a wall where there is none."""
 _TURNS = 1.2
 """Cells more than a robot needs at least with which it turns on the spot and touches nothing."""
 _TIGHT = 40
@@ -75,7 +77,9 @@ def route(
     solid[inside[fits, 1], inside[fits, 0]] = True
     away = cv2.distanceTransform((~np.pad(solid, 1)).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
     column, row = start[0] - left, start[1] - top
-    prices = 4 + np.rint(12 * np.clip(_COMFORT - away / scale, 0.0, None)).astype(np.int64)
+    prices = 4 + np.rint(
+        12 * np.clip(_COMFORT - np.minimum(away, _OPEN) / scale, 0.0, None)
+    ).astype(np.int64)
     prices += 8 * (part & KNOWN == 0)
     prices += 200 * felt
     narrow, tight = away < width, away < width + _TURNS * scale
