@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -207,6 +208,80 @@ async def test_marks_from_picture_and_map(stage: Stage) -> None:
         await page.click(f"[data-mark='{one['id']}'] [data-do=mark-delete]")
         await until(lambda: one["id"] not in [row["id"] for row in marks.rows()])
         await page.wait_for_selector(f"[data-mark='{one['id']}']", state="detached")
+
+
+RING = """([x, y], wanted) => {
+  const canvas = document.querySelector("[data-panel=map] canvas");
+  const [column, row] = window.usarsim.map.at(x, y).map(Math.round);
+  const { data } = canvas.getContext("2d").getImageData(column - 12, row - 12, 25, 25);
+  let count = 0;
+  for (let i = 0; i < data.length; i += 4)
+    count += wanted.every((value, k) => Math.abs(data[i + k] - value) < 40) && data[i + 3] > 150;
+  return count;
+}"""
+"""How many pixels around a place of the map have a colour."""
+SPOT = """([x, y]) => {
+  const canvas = document.querySelector("[data-panel=map] canvas");
+  const box = canvas.getBoundingClientRect();
+  const [column, row] = window.usarsim.map.at(x, y);
+  const scale = box.width / canvas.width;
+  return [box.left + column * scale, box.top + row * scale];
+}"""
+"""Where on the screen a place of the map is."""
+WAYS = ("mouse", "touch", "keyboard", "picture")
+
+
+@pytest.mark.parametrize("way", WAYS)
+async def test_a_mark_is_shown_before_it_is_set(stage: Stage, way: str) -> None:
+    """M and Enter mark; so do one click and one tap after the button. Until then the map and the
+    picture show where it goes and how far away, and keys move it."""
+    marks = stage.gateway.station.marks
+    before = len(marks.rows())
+    touch = {"has_touch": True} if way == "touch" else {}
+    async with stage.page(**touch) as page:
+        await page.click("[data-tile=R4]")
+        await becomes(page, "window.usarsim.store.slot(window.usarsim.store.robot.index).scan")
+        driven = stage.gateway.station.robots["R4"]
+        x, y, *_, yaw = driven.telemetry.pose
+        if way == "keyboard":
+            await page.keyboard.press("m")
+        else:
+            button = "[data-panel=cameras] [data-do=mark]"
+            await (page.tap if way == "touch" else page.click)(button)
+            assert await page.get_attribute(button, "aria-pressed") == "true"
+            # 1.2 m ahead and a little to the right, on the map; or a quarter right in the picture.
+            goal = [x + 1.2 * math.cos(yaw + 0.3), y + 1.2 * math.sin(yaw + 0.3)]
+            box = await page.locator("[data-tile=R4] canvas").bounding_box()
+            spot = [box["x"] + 0.75 * box["width"], box["y"] + 0.5 * box["height"]]
+            if way != "picture":
+                await page.locator("[data-panel=map] canvas").scroll_into_view_if_needed()
+                spot = await page.evaluate(SPOT, goal)
+            await (page.touchscreen.tap if way == "touch" else page.mouse.click)(*spot)
+        await page.wait_for_selector("dialog[open]")
+        told = await page.inner_text("[data-mark-where]")
+        shown = await page.inner_text("[data-tile=R4] [data-aim]")
+        assert re.match(r"\d+\.\d m from R4, ", told)
+        assert told.startswith(shown)
+        assert len(marks.rows()) == before
+        place = await page.evaluate("window.usarsim.store.considered.place")
+        rose = await page.evaluate(
+            "getComputedStyle(document.documentElement).getPropertyValue('--mark').trim()"
+        )
+        wanted = [int(rose[i : i + 2], 16) for i in (1, 3, 5)]
+        await becomes(page, f"({RING})({json.dumps(place)}, {wanted}) > 20")
+        if way in ("mouse", "touch"):
+            assert math.dist(place[:2], goal) < 0.2
+            await page.fill("dialog [data-field=distance]", "1.5")
+            await page.wait_for_selector("[data-tile=R4] [data-aim]:text-is('1.5 m')")
+            assert (await page.inner_text("[data-mark-where]")).startswith("1.5 m from R4")
+        await page.keyboard.press("Enter")
+        await until(lambda: len(marks.rows()) == before + 1)
+        one = marks.rows()[-1]
+        away = math.dist(one["place"][:2], (x, y))
+        asked = 1.5 if way in ("mouse", "touch") else float(shown[:-2])
+        assert away == pytest.approx(asked, abs=0.06)
+        assert not await page.is_visible("[data-tile=R4] [data-aim]")
+        assert await page.evaluate("window.usarsim.store.considered") is None
 
 
 async def test_keys_go_out_and_come_in_as_a_file(stage: Stage, tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ class Options:
         seconds: longest a trial may be, simulated s; None: as its mission says.
         host: at which desk and panels are served. panel_port: of panels; 0: any free one.
         robots: folders with further classes.
-        waits: a trial begins when all of its operators are ready: they see, their pads answer.
+        waits: a trial begins only when all of its operators are ready to drive.
     """
 
     speed: str = "1"

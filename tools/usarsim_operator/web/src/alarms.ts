@@ -1,10 +1,9 @@
 // Alarms, marks, notices and questions: at most five lines of alarms, the gravest first.
 
-import { dialog } from "./dialog";
 import { button, h, panel, say } from "./dom";
 import type { Link } from "./link";
 import { markIcon } from "./looks";
-import type { Alarm, Vector } from "./protocol";
+import type { Alarm } from "./protocol";
 import { clockText } from "./staleness";
 import type { Store } from "./store";
 
@@ -83,8 +82,6 @@ export function acknowledgeFirst(store: Store, link: Link): void {
   if (first) link.request({ type: "acknowledge", alarm: first.id });
 }
 
-export const STATUSES = ["unknown", "alive", "unconscious", "dead"];
-
 export function markList(store: Store, link: Link, edit: (id: number) => void): HTMLElement {
   const early = h("li", { class: "quiet" }, "no news yet");
   const list = h("ol", { class: "marks", "data-marks": true }, early);
@@ -117,30 +114,6 @@ export function markList(store: Store, link: Link, edit: (id: number) => void): 
     if (marks.length === 0) list.append(h("li", { class: "quiet" }, none));
   });
   return element;
-}
-
-/** Asks for status and note of a new mark at a place, or of one that is there. */
-export function markDialog(
-  store: Store,
-  link: Link,
-  target: { place: Vector } | { id: number },
-): void {
-  const old = "id" in target ? store.state?.marks.find((one) => one.id === target.id) : undefined;
-  const status = h(
-    "select",
-    { "data-field": "status" },
-    ...STATUSES.map((s) => h("option", { value: s }, s)),
-  );
-  const note = h("input", { type: "text", maxlength: 200, "data-field": "note" });
-  if (old) {
-    status.value = old.status;
-    note.value = old.note;
-  }
-  dialog("Victim", [h("label", {}, "Status", status), h("label", {}, "Note", note)], "Mark", () => {
-    const facts = { status: status.value, note: note.value };
-    if ("id" in target) link.request({ type: "mark_edit", mark: target.id, ...facts });
-    else link.request({ type: "mark", robot: store.selected, place: target.place, ...facts });
-  });
 }
 
 /** What somebody who wants this page's robot asks; in a row of the page, so that it lies over no control. */

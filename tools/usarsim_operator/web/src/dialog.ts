@@ -57,6 +57,13 @@ export function dialog(
     if (event.key === "Escape" && !event.defaultPrevented && !event.isComposing)
       element.close("no");
   });
+  // In a list Enter would open it; everywhere else in a form it accepts.
+  form.addEventListener("keydown", (event) => {
+    if (event.key !== "Enter" || event.isComposing || !(event.target instanceof HTMLSelectElement))
+      return;
+    event.preventDefault();
+    form.requestSubmit(yes);
+  });
   element.addEventListener("close", () => {
     const place = open.findIndex((one) => one.element === element);
     const [gone] = place < 0 ? [] : open.splice(place, 1);

@@ -1,7 +1,7 @@
 // Puts the page together.
 
 import { addressOf } from "./address";
-import { acknowledgeFirst, alarmList, markDialog, markList, notices, questions } from "./alarms";
+import { acknowledgeFirst, alarmList, markList, notices, questions } from "./alarms";
 import type { Action, Bindings } from "./bindings";
 import { charts, linesButton } from "./charts";
 import { choice, h, mark, say } from "./dom";
@@ -13,10 +13,11 @@ import { laser } from "./laser";
 import { lines } from "./lines";
 import { Link } from "./link";
 import { MapView } from "./map";
+import { markDialog } from "./marking";
 import { readyBar } from "./ready";
 import { remapDialog, savedPads } from "./remap";
 import { robotCard, robotList, takeOrBack } from "./robots";
-import { placeOfColumn } from "./sighting";
+import { guessOfColumn, placeOfColumn } from "./sighting";
 import { stopAll, stopBar } from "./stop";
 import { Store } from "./store";
 import { firstTheme } from "./theme";
@@ -100,8 +101,10 @@ function start(): void {
     const { robot } = store;
     if (!robot || store.welcome?.role === "viewer") return;
     const place = placeOfColumn(robot, column, store.slot(robot.index).scan);
+    const guess = place ? null : guessOfColumn(robot, column);
     if (place) markDialog(store, link, { place });
-    else store.tell("notice", "the laser sees nothing there: mark it on the map");
+    else if (guess) markDialog(store, link, { place: guess, guessed: true });
+    else store.tell("notice", `${robot.name} tells no place: Mark, then click on the map`);
   };
   // What a key would ask for and the gateway refuse: a viewer is told once that it looks only.
   const acting = (act: () => void) => () => {

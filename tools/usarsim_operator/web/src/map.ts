@@ -4,6 +4,7 @@
 import { button, colour, h, mark, panel, rem, Surface } from "./dom";
 import { drawMark, robotColour } from "./looks";
 import type { Grid, Robot, Vector, Zone } from "./protocol";
+import { fromRobot } from "./sighting";
 import { LOOK_MS } from "./staleness";
 import type { Store } from "./store";
 import { ZONE_LETTERS } from "./tiles";
@@ -85,9 +86,19 @@ export class MapView {
       },
       { passive: false },
     );
-    canvas.addEventListener("dblclick", (event) => {
+    const markHere = (event: MouseEvent): void => {
       const [x, y] = this.place(event.offsetX, event.offsetY);
       this.marked([x, y, this.store.robot?.pose?.[2] ?? 0]);
+    };
+    canvas.addEventListener("click", (event) => {
+      if (store.armed) markHere(event);
+    });
+    canvas.addEventListener("dblclick", (event) => {
+      if (!store.considered) markHere(event);
+    });
+    store.on("mark", () => {
+      mark(this.element, "data-armed", store.armed);
+      this.later();
     });
     for (const topic of ["state", "path", "select", "theme"] as const)
       store.on(topic, () => this.later());
@@ -180,6 +191,7 @@ export class MapView {
     if (this.on.has("zones")) for (const zone of store.state?.zones ?? []) this.drawZone(g, zone);
     if (this.on.has("paths")) for (const robot of store.robots) this.drawPath(g, robot);
     if (this.on.has("marks")) this.drawMarks(g);
+    this.drawConsidered(g);
     if (this.on.has("robots")) for (const robot of store.robots) this.drawRobot(g, robot);
     this.drawScale(g);
   };
@@ -254,6 +266,40 @@ export class MapView {
       g.stroke();
       g.fillText(`V${place + 1}`, x + 7, y - 4);
     });
+  }
+
+  /** Where a mark is about to go: a ring, and the way to it from the robot with its length. */
+  private drawConsidered(g: CanvasRenderingContext2D): void {
+    const { considered, robots } = this.store;
+    if (!considered) return;
+    const [x, y] = this.screen(considered.place[0], considered.place[1]);
+    const pose = robots.find((one) => one.name === considered.robot)?.pose;
+    g.save();
+    g.strokeStyle = g.fillStyle = colour("mark");
+    g.lineWidth = 2;
+    if (pose) {
+      g.setLineDash([5, 4]);
+      g.beginPath();
+      g.moveTo(...this.screen(pose[0], pose[1]));
+      g.lineTo(x, y);
+      g.stroke();
+      g.setLineDash([]);
+    }
+    g.beginPath();
+    g.arc(x, y, rem(8), 0, 2 * Math.PI);
+    g.moveTo(x - rem(4), y);
+    g.lineTo(x + rem(4), y);
+    g.moveTo(x, y - rem(4));
+    g.lineTo(x, y + rem(4));
+    g.stroke();
+    g.font = `600 ${rem(12)}px ${colour("font")}`;
+    if (pose)
+      g.fillText(
+        `${fromRobot(pose, considered.place).distance.toFixed(1)} m`,
+        x + rem(11),
+        y + rem(4),
+      );
+    g.restore();
   }
 
   private drawRobot(g: CanvasRenderingContext2D, robot: Robot): void {

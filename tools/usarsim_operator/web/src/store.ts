@@ -15,6 +15,7 @@ import {
   type Scan,
   SPECTATOR,
   type State,
+  type Vector,
   type Welcome,
 } from "./protocol";
 import { Ages, ageOf, isStale } from "./staleness";
@@ -35,7 +36,8 @@ export type Topic =
   | "asked"
   | "notice"
   | "theme"
-  | "bindings";
+  | "bindings"
+  | "mark";
 
 export interface Stamped {
   time: number;
@@ -116,6 +118,22 @@ export class Store {
   /** A simulated time as the mission counts, from the last reset of the world on, s. */
   mission(time: number): number {
     return time - (this.state?.began ?? 0);
+  }
+
+  /** The next click into a picture or the map marks; topic `mark` tells of a change. */
+  armed = false;
+  /** A mark that is about to be set, and whose sight it is by; topic `mark`. */
+  considered: { robot: string; place: Vector } | null = null;
+
+  arm(on: boolean): void {
+    this.armed = on;
+    this.tell("mark");
+  }
+
+  consider(one: { robot: string; place: Vector } | null): void {
+    this.considered = one;
+    this.armed = false;
+    this.tell("mark");
   }
 
   get mine(): boolean {

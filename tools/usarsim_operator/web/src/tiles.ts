@@ -5,7 +5,9 @@ import { button, flat, h, mark, rem, say } from "./dom";
 import { layout } from "./grid";
 import type { Link } from "./link";
 import { markIcon, robotColour, setMark } from "./looks";
-import type { Robot } from "./protocol";
+import { markButton } from "./marking";
+import type { Robot, Vector } from "./protocol";
+import { columnOfPlace, fromRobot } from "./sighting";
 import { ageText, isStale, LOOK_MS } from "./staleness";
 import { pageTime, type Store } from "./store";
 import { emptyNote, newsText, waitText } from "./waiting";
@@ -31,6 +33,7 @@ class Tile {
   private readonly zone = h("span", { class: "zone", "data-zone": "" });
   private readonly facts = h("span", { class: "tile-facts" });
   private readonly note = h("span", { class: "tile-note" });
+  private readonly aim = h("span", { class: "tile-aim", "data-aim": true, hidden: true });
   private readonly front = h("div", { class: "ring front", "data-ring": "front" });
   private readonly rear = h("div", { class: "ring rear", "data-ring": "rear" });
 
@@ -42,6 +45,7 @@ class Tile {
       this.front,
       this.rear,
       this.note,
+      this.aim,
       h("span", { class: "tile-top" }, this.mark, this.name, this.zone, this.age),
       this.facts,
     );
@@ -49,8 +53,18 @@ class Tile {
       const again = store.selected === name;
       store.select(name);
       const box = this.canvas.getBoundingClientRect();
-      if (again && event.detail > 1) clicked((event.clientX - box.left) / box.width - 0.5, event);
+      if (store.armed || (again && event.detail > 1))
+        clicked((event.clientX - box.left) / box.width - 0.5, event);
     });
+  }
+
+  /** Shows in which column a mark is about to go, and how far away. */
+  aimAt(robot: Robot, place: Vector | null): void {
+    const column = place && columnOfPlace(robot, place);
+    this.aim.hidden = column === null;
+    if (column === null || !place || !robot.pose) return;
+    this.aim.style.left = `${(100 * (column + 0.5)).toFixed(2)}%`;
+    say(this.aim, `${fromRobot(robot.pose, place).distance.toFixed(1)} m`);
   }
 
   picture(image: ImageBitmap): void {
@@ -156,7 +170,7 @@ export function tiles(store: Store, link: Link, markAt: (column: number) => void
       "div",
       { class: "panel-head" },
       h("h2", {}, "Cameras"),
-      h("div", { class: "tools" }, save, toggle),
+      h("div", { class: "tools" }, markButton(store), save, toggle),
     ),
     strip,
   );
@@ -216,6 +230,15 @@ export function tiles(store: Store, link: Link, markAt: (column: number) => void
   };
   store.on("state", update);
   store.on("select", update);
+  const aim = (): void => {
+    mark(element, "data-armed", store.armed);
+    const { considered } = store;
+    for (const robot of store.robots)
+      made
+        .get(robot.name)
+        ?.aimAt(robot, considered?.robot === robot.name ? considered.place : null);
+  };
+  for (const topic of ["mark", "state"] as const) store.on(topic, aim);
   setInterval(() => {
     if (store.ages.silence(pageTime()) > 0.25) update();
   }, LOOK_MS);
