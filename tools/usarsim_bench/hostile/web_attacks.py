@@ -128,7 +128,7 @@ WEB_ATTACKS = (
         f"{HALVES} half-sent requests at the console, and as many at the desk of a study",
         _everywhere(HALVES, lambda port: head(port) + b"X-Half: "),
         PORTS,
-        wait=5.0,
+        wait=HOLD_WAIT,
         least=HOLD_LEAST,
         web=True,
     ),
