@@ -11,14 +11,26 @@ import asyncio
 import math
 import random
 
+import numpy as np
+from numpy.typing import NDArray
+
 from usarsim_client import Robot, connect, readings
+
+Array = NDArray[np.float64]
 
 ROOM = 0.9
 """m ahead that it wants to be free."""
 SPEED = 3.0
 """Wheel speed, rad/s."""
-_STUCK = 4.0  # s without getting anywhere after which it backs off
-_BACK = 1.5  # s of that
+_STUCK = 2.0  # s without getting anywhere after which it backs off
+_BACK = 1.0  # s of that
+_SPIN = 0.7  # s of turning after it, for each time that it was stuck in a row
+_MOST_SPIN = 1.4  # s
+_AGAIN = 15.0  # s within which it is stuck at one place
+_LEAST = 0.35  # m of room that it needs at least
+_GO = 0.5  # s of driving on after that, whatever the laser sees
+_AWAY = 0.15  # m that count as getting somewhere
+_SEEN = 0.08  # m by which what it sees changes on average where it gets somewhere
 
 
 class Wanderer:
@@ -27,29 +39,63 @@ class Wanderer:
     def __init__(self, seed: int = 0) -> None:
         self._random = random.Random(seed)
         self._turn = 0.0
-        self._from: tuple[float, float, float] | None = None
-        self._back = -math.inf
+        self._since = -math.inf
+        self._place: tuple[float, float] | None = None
+        self._ranges: Array | None = None
+        self._stuck_at = -math.inf
+        self._tries = 0
 
     def steer(
         self, scan: readings.LaserScan, place: tuple[float, float] | None
     ) -> tuple[float, float]:
-        """Speeds of the left and the right wheels, rad/s, for what it sees and where it is."""
+        """Speeds of the left and the right wheels, rad/s, for what it sees and where it is.
+
+        Args:
+            scan: what it sees. place: x, y (m); None where nothing tells: then it gets somewhere
+                while it drives straight on and what it sees changes.
+        """
         time, bearings = scan.time, scan.bearings  # right positive
-        if place is not None:
-            if self._from is None or math.dist(place, self._from[:2]) > 0.15:
-                self._from = *place, time
-            elif time - self._from[2] > _STUCK:
-                self._back, self._turn = time + _BACK, self._random.choice((-0.5, 0.5))
-                self._from = *place, time
-        if time < self._back:
+        if self._got_on(scan, place) or self._since == -math.inf:
+            self._since, self._place, self._ranges = time, place, scan.ranges
+        elif time - self._since > _STUCK:
+            again = time - self._stuck_at < _AGAIN
+            self._stuck_at, self._tries = time, self._tries + 1 if again else 1
+            freer = self._freer(scan)
+            self._turn = freer if self._tries % 3 else self._random.choice((-0.5, 0.5))
+            self._since = time + _BACK + self._spin + _GO
+        passed = time - self._stuck_at
+        if passed < _BACK:
             return -SPEED * (0.7 + self._turn), -SPEED * (0.7 - self._turn)
-        if scan.ranges[abs(bearings) < 0.5].min(initial=math.inf) > ROOM:
+        if passed < _BACK + self._spin:
+            return self._turn * SPEED, -self._turn * SPEED
+        if passed < _BACK + self._spin + _GO:
+            return SPEED, SPEED
+        # Where it was stuck a moment ago it is content with less.
+        room = ROOM if passed > _AGAIN else max(_LEAST, ROOM / (1 + self._tries))
+        if scan.ranges[abs(bearings) < 0.5].min(initial=math.inf) > room:
             self._turn = 0.0
             return SPEED, SPEED
         if not self._turn:  # keeps turning to the side that it chose, or corners would hold it
-            right, left = (scan.ranges[side * bearings > 0.3].mean() for side in (1, -1))
-            self._turn = 0.5 if right > left else -0.5
+            self._turn = self._freer(scan)
         return self._turn * SPEED, -self._turn * SPEED
+
+    def _freer(self, scan: readings.LaserScan) -> float:
+        """The side where there is more room: a half to the right, or minus a half."""
+        right, left = (scan.ranges[side * scan.bearings > 0.3].mean() for side in (1, -1))
+        return 0.5 if right > left else -0.5
+
+    @property
+    def _spin(self) -> float:
+        return min(_MOST_SPIN, _SPIN * self._tries)
+
+    def _got_on(self, scan: readings.LaserScan, place: tuple[float, float] | None) -> bool:
+        if scan.time < self._since:  # it frees itself, or the world began anew
+            return scan.time < self._stuck_at
+        if place is not None and self._place is not None:
+            return math.dist(place, self._place) > _AWAY
+        if self._turn or self._ranges is None or len(self._ranges) != len(scan.ranges):
+            return False
+        return float(np.abs(scan.ranges - self._ranges).mean()) > _SEEN
 
 
 async def wander(robot: Robot, seed: int) -> None:
