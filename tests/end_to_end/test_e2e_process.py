@@ -66,7 +66,7 @@ def test_a_busy_control_port_is_one_clear_error() -> None:
 )
 def test_bad_options_are_one_clear_error(arguments: list[str], named: str) -> None:
     """A wrong option ends it with code 2 and a line that names it, without a traceback."""
-    result = finished("serve", "--world", "empty", *arguments)
+    result = finished("serve", "--world", "empty", *PORTS, *arguments)
     assert result.returncode == 2
     assert named in result.stderr
     assert "Traceback" not in result.stderr

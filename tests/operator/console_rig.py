@@ -157,16 +157,21 @@ class Tap(Closing):
 
 
 class Console(Closing):
-    """`usarsim console` in a process of its own.
+    """`usarsim console` in a process of its own; of a server without images, unless one is named.
 
     Attributes:
         urls: of the page, by role.
     """
 
     def __init__(self, control: int, *arguments: str, folder: Path) -> None:
+        # Bound and not listening: nothing else on this machine answers there.
+        self._nowhere = socket.socket()
+        self._nowhere.bind(("127.0.0.1", 0))
+        images = ["--image-port", str(self._nowhere.getsockname()[1])]
         command = [sys.executable, "-m", "usarsim_server", "console", "--no-browser",
                    "--connect", f"127.0.0.1:{control}", "--console-port", "0",
-                   "--latch", str(folder / "latch"), "--viewer-delay", "0", *arguments]  # fmt: skip
+                   "--latch", str(folder / "latch"), "--viewer-delay", "0",
+                   *images, *arguments]  # fmt: skip
         self._errors = open(folder / "console.log", "w+")  # noqa: SIM115
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=self._errors, text=True
@@ -184,6 +189,7 @@ class Console(Closing):
         self.process.kill()
         self.process.wait()
         self._errors.close()
+        self._nowhere.close()
         if self.process.stdout is not None:
             self.process.stdout.close()
 

@@ -140,8 +140,8 @@ async def test_twenty_drives_a_second_and_none_while_neutral(stage: Stage) -> No
         for _ in range(6):
             await page.clock.run_for(10_000)
         heard = [one["type"] for one in await page.evaluate("sent.splice(0)")]
-        assert set(heard) == {"ping"}
-        assert 59 <= len(heard) <= 61
+        assert set(heard) - {"shown"} == {"ping"}  # a picture may still come
+        assert 59 <= heard.count("ping") <= 61
         assert [one for one in stage.wire.lines[lines:] if one[1].startswith("DRIVE")] == []
 
 
