@@ -97,6 +97,7 @@ def test_what_is_handed_in_counts_at_the_end() -> None:
 def test_where_a_team_leaves_it(tmp_path: Path) -> None:
     """Seen from the folder in which its programs run; a run's own, if it says so."""
     path = tmp_path / "team.toml"
+    (tmp_path / "bin").mkdir()
     path.write_text('name = "T"\ncommand = ["./go"]\nfolder = "bin"\nhand_in = "{run}/out"\n')
     assert read_team(path).hand_in_folder(tmp_path / "run") == tmp_path / "run" / "out"
     path.write_text('name = "T"\nwait = true\nfolder = "bin"\nhand_in = "out"\n')
