@@ -19,11 +19,11 @@ from usarsim_server.services.limits import (
     AddressBuckets,
     InputRates,
     SpawnGate,
-    TokenBucket,
     input_cost,
     work_cost,
 )
 from usarsim_server.testing import PATIENCE
+from usarsim_server.token_bucket import TokenBucket
 
 
 class Watch:

@@ -19,6 +19,7 @@ from usarsim_server.sessions.outbox import (
     OutboxLimits,
 )
 from usarsim_server.testing import PATIENCE
+from usarsim_server.token_bucket import TokenBucket
 
 STREAM_BYTES = 100
 STREAM_LINES = 6
@@ -402,7 +403,8 @@ def test_clients_that_do_not_read_have_one_grace_together() -> None:
     """The world waits a second for the first, and then a fiftieth of the time however many there
     are and however often they come, so that they lose lines. A client that reads is waited for as
     before."""
-    clock, grace = Clock(), Grace()
+    clock = Clock()
+    grace = Grace(TokenBucket(GRACE_SHARE, GRACE, clock=clock))
     assert waited(half_full(clock, grace), clock, 3.0) == pytest.approx(GRACE, abs=0.1)
     more = sum(waited(half_full(clock, grace), clock, 1.0) for _ in range(100))
     assert more == pytest.approx(100 * GRACE_SHARE, abs=1.0)

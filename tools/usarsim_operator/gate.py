@@ -27,6 +27,7 @@ from aiohttp.typedefs import Handler, Middleware
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
+from usarsim_server.token_bucket import TokenBucket
 
 try:
     import resource
@@ -87,28 +88,25 @@ class GateLimits:
 
 
 class _Budget:
-    """So many units a second, spent in the order of coming; who spends more than is left is let
+    """A token bucket that is spent in the order of coming; who spends more than is left is let
     through, and the next one waits."""
 
     def __init__(self, rate: float, most: float) -> None:
-        self._rate, self._most, self._left = rate, most, most
-        self._last = time.monotonic()
+        self._bucket = TokenBucket(rate, most)
         self._line = asyncio.Lock()
 
     async def wait(self, given_up: Callable[[], bool] = lambda: False) -> None:
         """Return when there is something left, or when it has been given up."""
         async with self._line:
             while not given_up():
-                now = time.monotonic()
-                self._left = min(self._most, self._left + (now - self._last) * self._rate)
-                self._last = now
-                if self._left > 0.0:
+                left = self._bucket.tokens
+                if left > 0.0:
                     return
-                await asyncio.sleep(min(0.1, 0.001 - self._left / self._rate))
+                await asyncio.sleep(min(0.1, 0.001 - left / self._bucket.rate))
 
     def spend(self, units: float) -> None:
         """Use some up."""
-        self._left -= units
+        self._bucket.spend(units)
 
 
 class _Guest(asyncio.Protocol):

@@ -29,10 +29,11 @@ from usarsim_server.services.budget import (
     WorkBudget,
     whole_share,
 )
-from usarsim_server.services.limits import Clock, input_cost
+from usarsim_server.services.limits import input_cost
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.port import Guest, PortLimits, PortService, refuse
 from usarsim_server.services.replies import PIECE, ReplyBuffer
+from usarsim_server.token_bucket import Clock
 
 CHUNK = 2048
 """Bytes read at a time: at most some hundred requests, which wait here while one is answered."""

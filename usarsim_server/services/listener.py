@@ -23,8 +23,9 @@ from usarsim_server.addresses import format_address
 from usarsim_server.errors import ServiceError
 from usarsim_server.logs import Log
 from usarsim_server.processes import port_taker
-from usarsim_server.services.limits import AddressBuckets, TokenBucket
+from usarsim_server.services.limits import AddressBuckets
 from usarsim_server.services.silence import PATIENCE, ends_when_gone
+from usarsim_server.token_bucket import TokenBucket
 
 Handler = Callable[[socket.socket, str], Awaitable[None]]
 """Serves one client: a non-blocking socket for the `loop.sock_*` calls, and the peer `host:port`.

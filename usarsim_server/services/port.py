@@ -27,8 +27,9 @@ from typing import Any, Generic, TypeVar
 from usarsim_server.errors import ServiceError
 from usarsim_server.logs import Log
 from usarsim_server.processes import calling
-from usarsim_server.services.limits import Clock, InputRates
+from usarsim_server.services.limits import InputRates
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
+from usarsim_server.token_bucket import Clock
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

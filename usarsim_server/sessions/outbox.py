@@ -19,6 +19,8 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+from usarsim_server.token_bucket import TokenBucket
+
 LINE_BYTES = 144
 """Memory of a line that waits in an outbox beside its characters."""
 LEAST_READ = 64 * 1024
@@ -64,17 +66,9 @@ class Grace:
     the world down by that share. The one of a client holds what the client has earned by reading.
     """
 
-    def __init__(
-        self, left: float = GRACE, share: float = GRACE_SHARE, most: float = GRACE
-    ) -> None:
-        """Begin.
-
-        Args:
-            left: s of wall time at the beginning.
-            share: part of wall time by which it grows.
-            most: s of wall time that it holds at most.
-        """
-        self._left, self._share, self._most = left, share, most
+    def __init__(self, bucket: TokenBucket | None = None) -> None:
+        """Begin; `bucket` holds s of wall time, None stands for that which all clients share."""
+        self._bucket = TokenBucket(GRACE_SHARE, GRACE) if bucket is None else bucket
         self._lock = threading.Lock()
         self._asked = 0.0
         self._waits = False
@@ -89,15 +83,14 @@ class Grace:
         with self._lock:
             since, self._asked = now - self._asked, now
             if self._waits and since < ASKING:
-                self._left -= since
-            self._left = min(self._most, self._left + self._share * since)
-            self._waits = self._left > 0.0
+                self._bucket.spend(since)
+            self._waits = self._bucket.tokens > 0.0
             return self._waits
 
     def earn(self, seconds: float) -> None:
         """Add so much wall time. Thread-safe."""
         with self._lock:
-            self._left = min(self._most, max(self._left, 0.0) + seconds)
+            self._bucket.give(seconds)
 
 
 class Outbox:
@@ -138,7 +131,7 @@ class Outbox:
         self._stream_bytes = 0
         self._half = self._limits.stream_bytes / 2, self._limits.stream_lines / 2
         self._filled = False  # whether its streams have ever filled half of their budget
-        self._own = Grace(0.0, 0.0, EARNED)
+        self._own = Grace(TokenBucket(0.0, EARNED, start=0.0, deepest=0.0))
         self._replied = self._replied_bytes = 0
         self._dropped = 0
         self._called = False
