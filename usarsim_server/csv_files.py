@@ -121,7 +121,7 @@ class _File(Protocol):
         """Take some text."""
 
 
-class Writer:
+class CsvWriter:
     """Writes rows as CSV: None is an empty cell, numbers are written so that they read back."""
 
     def __init__(self, file: _File) -> None:
@@ -139,9 +139,9 @@ class Writer:
 
 
 def csv_text(heads: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
-    """A whole table; see `Writer`."""
+    """A whole table; see `CsvWriter`."""
     out = io.StringIO()
-    writer = Writer(out)
+    writer = CsvWriter(out)
     writer.row(heads)
     writer.rows(rows)
     return out.getvalue()

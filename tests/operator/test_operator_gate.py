@@ -22,7 +22,7 @@ from aiohttp import web
 
 from usarsim_operator import gate as gates
 from usarsim_operator.gate import Gate, GateLimits, admit, gated
-from usarsim_operator.places import NoPlaceError, Places
+from usarsim_operator.places import NoPlaceError, PagePlaces
 from usarsim_server.testing import PATIENCE
 
 BODY = b"x" * 8_000_000
@@ -320,9 +320,9 @@ async def test_an_endless_head_is_cut_off() -> None:
 class TestPlaces:
     """Of three places one is kept for those who lead."""
 
-    def places(self, *pages: str) -> Places[str]:
+    def places(self, *pages: str) -> PagePlaces[str]:
         """With pages; capitals lead."""
-        places: Places[str] = Places(3, 1)
+        places: PagePlaces[str] = PagePlaces(3, 1)
         for page in pages:
             assert places.enter(page, leads=page.isupper()) is None
         return places

@@ -12,7 +12,7 @@ from typing import Any, TextIO
 
 from usarsim_mission import records
 from usarsim_mission.referee import Referee
-from usarsim_server.csv_files import Writer
+from usarsim_server.csv_files import CsvWriter
 
 STATE = "state.csv"
 COLUMNS = {
@@ -57,7 +57,7 @@ class StateTable:
         Args:
             file: where. every: how manieth truth row is written.
         """
-        self._writer = Writer(file)
+        self._writer = CsvWriter(file)
         self._writer.row(COLUMNS)
         self._every, self._count = every, 0
 

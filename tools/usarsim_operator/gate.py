@@ -4,7 +4,7 @@ A connection is a newcomer's until its page has said by a token who it is (`admi
 so many places; the next one takes the place of another, of the address that holds most, so that
 one machine alone cannot keep others out. They must say what they want within some seconds and take
 what they are answered within a minute, and all their requests together get a share of one
-processor. Pages that have been admitted are bounded by `Places`.
+processor. Pages that have been admitted are bounded by `PagePlaces`.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ class NoPlaceError(ValueError):
     """All places are taken by pages that come first."""
 
 
-class Places(Generic[PageLike]):
+class PagePlaces(Generic[PageLike]):
     """Knows who has a place, and who has been silent longest."""
 
     def __init__(self, most: int, kept: int) -> None:

@@ -18,7 +18,7 @@ from usarsim_operator.impaired_link import ImpairedLink
 from usarsim_operator.messages import PageError
 from usarsim_operator.page_files import page_file, page_headers
 from usarsim_operator.pages import Page
-from usarsim_operator.places import NoPlaceError, Places
+from usarsim_operator.places import NoPlaceError, PagePlaces
 from usarsim_operator.requests import Desk
 from usarsim_operator.roles import LONGEST, Role, Tokens, foreign
 from usarsim_operator.serving import PAGE
@@ -75,7 +75,7 @@ class Web:
         self.refused = 0
         self._station, self._files = station, files.resolve()
         self._desk = Desk(station)
-        self._places: Places[Page] = Places(MOST_PAGES, KEPT_PAGES)
+        self._places: PagePlaces[Page] = PagePlaces(MOST_PAGES, KEPT_PAGES)
 
     def app(self) -> web.Application:
         """The application for aiohttp."""

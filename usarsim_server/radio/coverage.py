@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from usarsim_server.csv_files import Writer
+from usarsim_server.csv_files import CsvWriter
 from usarsim_server.protocol.values import Vector
 from usarsim_server.radio.models import Propagation
 from usarsim_server.radio.network import ObstacleCounter
@@ -83,7 +83,7 @@ class Coverage:
 
     def write_csv(self, file: TextIO) -> None:
         """One line a cell: place in the wire frame (m), dBm, obstacles, 1 where a link is up."""
-        rows = Writer(file)
+        rows = CsvWriter(file)
         rows.row(["x", "y", "z", "strength", "obstacles", "linked"])
         linked = self.linked
         for row in range(self.grid.rows):

@@ -18,7 +18,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import BinaryIO
 
-from usarsim_server.csv_files import Writer
+from usarsim_server.csv_files import CsvWriter
 from usarsim_server.errors import SettingsError, at
 from usarsim_server.logs import Log
 
@@ -72,7 +72,7 @@ class EventLog:
         self._now = now
         self._file: BinaryIO | None = None
         self._pending = io.StringIO(newline="")
-        self._rows = Writer(self._pending)
+        self._rows = CsvWriter(self._pending)
         self._size = 0
         if path is not None:
             self._file = _open(path, now())

@@ -12,7 +12,7 @@ from usarsim_batch.tasks import Row
 from usarsim_exploration.batches.batch_file import Job
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.timing import PHASES
-from usarsim_server.csv_files import Writer
+from usarsim_server.csv_files import CsvWriter
 from usarsim_server.errors import at
 
 FORMAT = "usarsim-explore-batch/1"
@@ -50,7 +50,7 @@ def key_of(row: Row) -> str | None:
 def timing_csv(rows: Iterable[tuple[Job, Mapping[str, float]]]) -> str:
     """Processor time of runs: ms by step, and how the seconds are split."""
     file = io.StringIO()
-    writer = Writer(file)
+    writer = CsvWriter(file)
     heads = [f"{phase.replace(' ', '_')}_s" for phase in PHASES]
     writer.row(["run", "steps", "processor_s", "ms_per_step", *heads])
     for job, timing in rows:

@@ -14,7 +14,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from usarsim_operator.gate import admit, gated
 from usarsim_operator.page_files import page_file, page_headers
-from usarsim_operator.places import NoPlaceError, Places
+from usarsim_operator.places import NoPlaceError, PagePlaces
 from usarsim_operator.roles import LONGEST, Limits, foreign, hosts_of
 from usarsim_operator.serving import PAGE
 from usarsim_server.files import reason
@@ -116,7 +116,7 @@ class Web:
         self._tokens, self._files = tokens, files.resolve()
         self._headers = page_headers(frames=frames)
         self._open: dict[SocketPage, int] = {}
-        self._places: Places[SocketPage] = Places(MOST_PAGES, KEPT_PAGES)
+        self._places: PagePlaces[SocketPage] = PagePlaces(MOST_PAGES, KEPT_PAGES)
 
     def app(self) -> web.Application:
         """The application for aiohttp."""
