@@ -1,7 +1,7 @@
-"""Files that are nobody else's business: tokens, recordings, what people answered.
+"""Makes and reads files for their owner alone: tokens, recordings, answers of participants.
 
-They are made with mode 0600 from the beginning, and a token is not taken from a file that others
-may read.
+Such a file has mode 0600 from the beginning. A token is not taken from a file that other users of
+the machine may read.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ class OutputError(UsarsimError):
 
 
 class ReaderGoneError(BrokenPipeError):
-    """Who read standard output has seen enough, for example `head`."""
+    """The program that read standard output has closed it, as `head` does."""
 
 
 class _Output(io.FileIO):
@@ -39,7 +39,7 @@ class _Output(io.FileIO):
         """Write bytes.
 
         Raises:
-            ReaderGoneError: nobody reads any more.
+            ReaderGoneError: the reader has closed it.
             OutputError: they cannot be written.
         """
         try:

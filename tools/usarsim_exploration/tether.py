@@ -55,8 +55,8 @@ def sees_base(view: View) -> bool:
 def turn_to_base(view: View) -> Path:
     """A step away from the base and back, to see it; empty: there is no room, or it is known.
 
-    Robots may start with their back to it, and nobody counts on links through the unknown. Who
-    does not see so far drives straight there, until something is in the way.
+    Robots may start with their back to it, and links through the unknown are not counted on. A
+    robot that does not see so far drives straight there, until something is in the way.
     """
     if view.planner.field(view.cell).reaches(view.base):
         return []

@@ -1,4 +1,4 @@
-"""The gate of every web server of this project: who may connect, and what it may cost meanwhile.
+"""Bounds what connections to a web server of this project may cost before they are trusted.
 
 A connection is a newcomer's until its page has said by a token who it is (`admit`). Newcomers have
 so many places; the next one takes the place of another, of the address that holds most, so that
@@ -460,7 +460,7 @@ async def _listening(host: str, port: int, option: str, limits: GateLimits) -> l
 
 
 def _shared(host: str) -> str:
-    """Who counts as one: an address, of IPv6 its /64, which one machine has as a whole."""
+    """The part of an address that one machine has for itself: of IPv6 its /64, else all of it."""
     try:
         address = ipaddress.ip_address(host.partition("%")[0])
     except ValueError:

@@ -1,4 +1,4 @@
-"""The places of pages that have said who they are: so many, some kept for those who lead."""
+"""Counts the places of pages that have said hello; some are kept for operators."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class NoPlaceError(ValueError):
 
 
 class PagePlaces(Generic[PageLike]):
-    """Knows who has a place, and who has been silent longest."""
+    """Keeps which pages have a place, and which of them has been silent longest."""
 
     def __init__(self, most: int, kept: int) -> None:
         """most: places. kept: how many of them are only for pages that lead."""

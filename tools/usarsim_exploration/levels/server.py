@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_client import ProtocolError
 from usarsim_exploration.environment import Cell
@@ -39,7 +38,6 @@ from usarsim_exploration.localisation import (
     rasterise,
 )
 from usarsim_exploration.localisation.poses import wrap
-from usarsim_exploration.localisation.surfaces import Floats
 from usarsim_exploration.measures.contacts import Contacts
 from usarsim_exploration.measures.reality import Ways, of_map
 from usarsim_exploration.post import Message
@@ -250,8 +248,6 @@ class ServerLevel:
         seen = [np.array(self._at(disc)) + body for disc in rover.others[1:]]
         near = one.ranges < _SEES
         ends = points(one.ranges[near] + 0.03, one.angles[near], scanner(rover.scanned, one.mount))
-        if self._scale < 1.0:  # a point beside a wall would fill a whole passage
-            ends = ends[~self._by_walls(view.known.bits, ends)]
         seen.append(np.floor(ends / self._cell).astype(np.int64))
         here = self._at(rover.pose)
         snap = SNAP
@@ -269,15 +265,6 @@ class ServerLevel:
         if self._metres and whole:
             facing = unknown_at(view.known.bits, view.path[-1], self._scale, facing)
         rover.driver.follow([self._middle(one) for one in way], facing, ends=whole)
-
-    def _by_walls(self, bits: NDArray[np.uint8], ends: Floats) -> NDArray[np.bool_]:
-        """Which points, (n, 2) m, are within 0.1 m of known walls."""
-        most = np.array(bits.shape[::-1]) - 1
-        found = np.zeros(len(ends), np.bool_)
-        for off in ((0.0, 0.1), (0.1, 0.0), (0.0, -0.1), (-0.1, 0.0)):
-            column, row = np.clip(np.floor((ends + off) / self._cell).astype(int), 0, most).T
-            found |= bits[row, column] & WALL != 0
-        return found
 
     def _tick(self, cycle: Cycle, *, drive: bool = True) -> None:
         """One tick of the world: commands, then readings, then scans into maps."""

@@ -1,4 +1,4 @@
-"""Where robots of some width get to in an environment, and what they are told that do not fit."""
+"""Finds where robots of a width can drive, and says which passages are too narrow for them."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from usarsim_exploration.environment import Cell, Environment
 
 LITTLE = 0.02
-"""Part of the reachable cells that may be out of a robot's way without a word: corners are."""
+"""Part of the reachable cells that may be too narrow without a message: corners always are."""
 
 
 def accessible(environment: Environment, base: Cell, width: float) -> int:
-    """How many cells robots of a width drive over, cells, that start around a base."""
+    """Count the cells that robots of a width, in cells, can drive over from around a base."""
     free = np.pad((environment.walls == 0).astype(np.uint8), 1)
     need = np.float32((width + 1.0) / 2.0)  # from its middle to that of a wall's cell
     fits = cv2.distanceTransform(free, cv2.DIST_L2, 5) >= need - 0.01
@@ -32,7 +32,7 @@ def accessible(environment: Environment, base: Cell, width: float) -> int:
 
 
 def _behind(environment: Environment, base: Cell, passage: int) -> int:
-    """How many cells are joined to those around a base by passages of so many cells."""
+    """Count the cells that passages at least so many cells wide join to those around a base."""
     square = np.ones((passage, passage), np.uint8)
     free = np.pad((environment.walls == 0).astype(np.uint8), 1)
     _, labels = cv2.connectedComponents(cv2.morphologyEx(free, cv2.MORPH_OPEN, square), None, 4)
@@ -44,7 +44,7 @@ def _behind(environment: Environment, base: Cell, passage: int) -> int:
 
 
 def note(environment: Environment, base: Cell, width: float, cure: str) -> str:
-    """What robots of a width are kept from by passages, in a sentence; empty: nothing.
+    """Say in one sentence which passages are too narrow for robots; empty: none that matters.
 
     Args:
         environment: true. base: around which they start. width: of the robots, cells.
