@@ -251,7 +251,7 @@ class TestPrivacy:
             assert place.stat().st_mode & 0o777 == 0o700
             for name in ("participant.json", "forms.jsonl"):
                 assert (place / name).stat().st_mode & 0o777 == 0o600
-        for name in ("allocation.csv", "data/answers.csv", "data/participants.csv"):
+        for name in ("allocation.csv", "data/answers.csv", "data/participants.csv", "summary.csv"):
             assert (tmp_path / name).stat().st_mode & 0o777 == 0o600
 
     def test_no_clock_and_no_machine(self, made: StudyFolder) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError, at
+from usarsim_server.files import write_bytes
 from usarsim_study.dataset import collect
 from usarsim_study.folder import StudyFolder
 from usarsim_study.tables import SUMMARY, write
@@ -42,7 +43,7 @@ def export(folder: StudyFolder, out: Path | None = None) -> list[Path]:
         written = write(collect(folder), target)
         if out is None:
             summary = folder.path / SUMMARY
-            summary.write_bytes((target / "trials.csv").read_bytes())
+            write_bytes(summary, (target / "trials.csv").read_bytes(), private=True)
             written.append(summary)
     except OSError as error:
         cure = "name a folder that can be written"
