@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from mesh_samples import OFF, read, refused, threemf, volume, whole, write, xaml
 
-from usarsim_maps.meshes import trimesh_files
+from usarsim_maps import archives
 
 
 def test_thousands(tmp_path: Path) -> None:
@@ -52,7 +52,7 @@ def test_archive_that_unpacks_to_more_than_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Is refused before it is unpacked."""
-    monkeypatch.setattr(trimesh_files, "MAX_BYTES", 4 << 20)
+    monkeypatch.setattr(archives, "MAX_UNPACKED", 4 << 20)
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
         for number in range(5):

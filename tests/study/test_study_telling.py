@@ -47,7 +47,7 @@ class TestControls:
         study = study_of(tmp_path, DEVICES)
         for text in self.told(study, "plain"):
             assert "W, A, S, D or arrows drive" in text
-            assert "M marks a victim" in text
+            assert "M and then Enter mark a victim" in text
             assert "Space stops everything" in text
             assert "RB" not in text
         for text in self.told(study, "delayed"):
@@ -71,7 +71,7 @@ class TestControls:
         assert table["slower"] == ("Shift", "LB")
         assert table["choose a robot"] == ("1 to 9, or the list", "A B X Y")
         assert table["stop everything"] == ("Space, or Esc twice", "both sticks pressed")
-        assert table["mark a victim"][0] == "M"
+        assert table["mark a victim"][0] == "M, then Enter"
 
 
 class TestWelcome:
