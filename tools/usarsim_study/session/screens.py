@@ -21,8 +21,8 @@ DRIVES: Mapping[str, str] = {
     "gamepad": "Drive with the gamepad.",
 }
 KEYS = (
-    "W, A, S, D or arrows drive, 1 to 9 choose a robot, M and then Enter mark a victim, Shift slows down, "
-    "Space stops everything"
+    "W, A, S, D or arrows drive, 1 to 9 choose a robot, M and then Enter mark a victim, "
+    "Shift slows down, Space stops everything"
 )
 """What keys do unless they were changed: as the table of docs/console.md (a test compares them)."""
 PAD = (
