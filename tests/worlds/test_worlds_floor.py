@@ -101,6 +101,18 @@ def test_walls_are_what_a_laser_sees(rooms: tuple[Ground, Reached]) -> None:
     assert wall(-2.0, 0.5)
 
 
+def test_a_wall_that_begins_at_the_bounds(tmp_path: Path) -> None:
+    """Bounds are often the insides of outer walls: a map of these is no error."""
+    outer = '<geom type="box" pos="5.1 0 0.5" size="0.1 5 0.5"/>'
+    scene = TWO_ROOMS.format(north=2.0).replace("</worldbody>", outer + "</worldbody>")
+    found = Ground(load_world(write_world(tmp_path, HEAD + START + BOUNDS, scene)))
+    reached = found.reach([(-4.0, 0.0, 0.25)], SIZE)
+    column = math.floor((5.05 - reached.x) / reached.cell)
+    assert reached.walls[:, column].sum() > 90
+    assert not reached.walls[:, :1].any()  # nothing stands at the other bound
+    assert not gets(reached, 5.05, 0.0)
+
+
 def test_starts_without_room(rooms: tuple[Ground, Reached]) -> None:
     """In a wall, and far above the floor."""
     found, _ = rooms

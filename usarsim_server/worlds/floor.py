@@ -191,11 +191,15 @@ class Ground:
         west, south, east, north = self.box
         area = max(east - west, CELL) * max(north - south, CELL)
         cell = max(CELL, math.sqrt(area / MOST_CELLS))
-        columns, rows = (max(1, math.ceil(w / cell)) for w in (east - west, north - south))
+        # Around it a ring of cells without floor: a wall that begins at the bounds stands there.
+        columns, rows = (max(1, math.ceil(w / cell)) + 2 for w in (east - west, north - south))
+        west, south = west - cell, south - cell
         x = west + (np.arange(columns) + 0.5) * cell
         y = south + (np.arange(rows) + 0.5) * cell
         middles = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         heights = self._floors(middles, size.height)
+        inner = np.pad(np.ones((rows - 2, columns - 2), dtype=bool), 1).reshape(-1)
+        heights[:, ~inner] = np.nan
         links = self._links(heights.reshape(LAYERS, rows, columns), middles, cell, size)
         roomy = _eroded(np.isfinite(heights.reshape(-1)), links, _steps(size, cell))
         begun = [_start(heights, middles, roomy, start) for start in starts]
