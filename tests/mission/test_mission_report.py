@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from usarsim_mission.match.drawn import Drawn, Span
 from usarsim_mission.match.report import write_report
+from usarsim_mission.match.standing import UNKNOWN
 from usarsim_mission.runlog import RunFolder
 from usarsim_mission.scoring import VARIABLES, find_rules, presets
 
@@ -96,6 +97,29 @@ def test_spans_of_modes_links_and_choices() -> None:
     assert a.chosen == [Span("chosen", 2.0, 4.0)]
     assert b.chosen == [Span("chosen", 4.0, 9.0)]
     assert b.cuts == [Span("lost", 5.0, 7.0)]
+
+
+def test_why_a_robot_stood() -> None:
+    """Its own account counts while it lasts, and for as long after it as standing takes: a robot
+    that told why it stood once, and went on, does not say why it stands later."""
+    drawn = Drawn()
+    drawn.take({"t_sim": 0.0, "kind": "mode", "robot": "A", "mode": "autonomous"})
+    told = {10.0: "it is shut in", 30.0: "", 100.0: "it is caught", 101.0: ""}
+    for half in range(300):
+        time = half / 2.0
+        if time in told:
+            drawn.take({"t_sim": time, "kind": "stands", "robot": "A", "why": told[time]})
+        x = 0.0 if time < 50.0 else 5.0 + (time if time < 60.0 else 0.0)
+        row = {"name": "A", "pos": [x, 0.0, 0.0]}
+        drawn.take({"t_sim": time, "kind": "truth", "robots": [row]})
+    spans = [(one.begins, one.ends, one.why) for one in drawn.robots["A"].standing.spans]
+    assert spans == [
+        (0.0, 40.0, "it is shut in"),
+        (40.0, 49.5, UNKNOWN),
+        (60.0, 99.5, UNKNOWN),
+        (99.5, 111.0, "it is caught"),
+        (111.0, 149.5, UNKNOWN),
+    ]
 
 
 def test_a_report(played: Path, tmp_path: Path) -> None:

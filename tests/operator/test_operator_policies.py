@@ -149,13 +149,58 @@ def test_a_robot_that_hangs_tries_something_else() -> None:
     """O-56: wheels that hang over something low turn freely; it backs off in both curves, goes
     straight back, and straight on."""
     map, toy = OccupancyMap(), Toy(ROOMS, 2.0, 2.0)
-    policy, tried = policies.make("patrol", ((2.0, 2.0), (4.0, 2.0))), set()
+    policy, tried, told = policies.make("patrol", ((2.0, 2.0), (4.0, 2.0))), set(), set()
     for _ in range(250):
         tried.add(policy.powers(_view(toy, map)))
+        told.add(policy.why)
         toy.time += 0.1
     assert {(-1.0, -1.0), (1.0, 1.0)} <= tried
     assert any(left < right < 0.0 for left, right in tried)
     assert any(right < left < 0.0 for left, right in tried)
+    assert told == {"", "it is caught on something and tries to get free"}
+
+
+def test_to_and_fro_is_not_being_stuck() -> None:
+    """Where it passes again after 6 s nothing has held it."""
+    map, toy, ground = OccupancyMap(), Toy(ROOMS, 2.0, 2.4, 0.0, speed=1.0), Ground()
+    policy = policies.make("patrol", ((2.0, 2.4), (3.7, 2.4)))
+    places = _go(policy, toy, map, 40.0, ground)
+    assert list(ground.felt(0.0)) == []
+    assert max(one.x for one in places) > 3.2
+
+
+def test_what_is_felt_twice_is_one_thing() -> None:
+    """Between two places of a pipe there is the pipe, and not between two things far apart."""
+    ground = Ground()
+    for place in ((0.0, 0.0), (0.8, 0.0), (3.0, 0.0)):
+        ground.feel(1.0, place)
+    assert set(ground.felt(0.0)) == {(0.0, 0.0), (0.4, 0.0), (0.8, 0.0), (3.0, 0.0)}
+
+
+def test_it_leaves_by_the_way_it_came() -> None:
+    """Shut in by what it has felt all around, in a pocket in which it could go to and fro."""
+    map, toy, ground = OccupancyMap(), Toy(ROOMS, 1.0, 3.0, 0.0, speed=1.0), Ground()
+    search = policies.make("search", ())
+    _go(search, toy, map, 60.0, ground)
+    here = toy.x, toy.y
+    for step in range(24):
+        turn = math.tau * step / 24
+        ground.feel(toy.time, (here[0] + 2.1 * math.cos(turn), here[1] + 2.1 * math.sin(turn)))
+    places = _go(search, toy, map, 30.0, ground)
+    assert max(math.dist((one.x, one.y), here) for one in places) > 2.5
+
+
+def test_a_place_that_was_looked_at_again_counts_as_visited() -> None:
+    """It need not stand on it: two corners that no robot has stood in do not keep it for ever."""
+    map, toy = OccupancyMap(), Toy(ROOMS, 1.0, 1.0, 0.7, speed=1.0)
+    _go(policies.make("explore", ()), toy, map, 90.0)
+    search, ground = policies.make("search", ()), Ground()
+    for x in range(10):
+        for y in range(7):
+            if (x, y) not in ((0, 3), (4, 0)):
+                ground.visit((x + 0.5, y + 0.5), toy.time)
+    places = _go(search, toy, map, 120.0, ground)
+    assert max(one.y for one in places) > 4.0
 
 
 def test_hold_stops_before_the_wall() -> None:

@@ -7,6 +7,7 @@ where each robot is, and when each place was visited last.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -21,6 +22,7 @@ ROBOT = 0.4
 _MOST = 1000  # people, and things that were felt
 _TRAIL = 60.0  # simulated s for which somebody who walks may come back
 _STEP = 0.3  # m between two places of a trail
+_APART, _THING = 0.5, 0.9  # m between places that one thing was felt at
 _TILE = 1.0  # m: side of the tiles that count as visited
 
 
@@ -39,6 +41,7 @@ class Ground:
         self._people: dict[str, deque[tuple[float, Disc]]] = {}
         self._marked: list[Disc] = []
         self._felt: deque[tuple[float, Place]] = deque(maxlen=_MOST)
+        self._between: deque[tuple[float, Place]] = deque(maxlen=_MOST)
         self._robots: dict[str, Place] = {}
         self._visits: dict[tuple[int, int], float] = {}
 
@@ -58,12 +61,21 @@ class Ground:
         self._marked = [Disc(place, PERSON) for place in places]
 
     def feel(self, time: float, place: Place) -> None:
-        """Note a place where something stopped or tilted a robot."""
+        """Note a place where something stopped or tilted a robot.
+
+        What was felt beside it is the same thing, and so is what is between: a pipe, a beam.
+        """
+        self._between.extend(
+            (time, ((place[0] + other[0]) / 2.0, (place[1] + other[1]) / 2.0))
+            for _, other in self._felt
+            if _APART < math.dist(place, other) < _THING
+        )
         self._felt.append((time, place))
 
     def felt(self, since: float) -> Iterator[Place]:
         """Places that were felt since a moment."""
-        return (place for time, place in self._felt if time >= since)
+        both = itertools.chain(self._felt, self._between)
+        return (place for time, place in both if time >= since)
 
     def stand(self, robot: str, place: Place, time: float) -> None:
         """Note where a robot is; the place counts as visited."""

@@ -161,6 +161,12 @@ def distances(passable: Cells, start: tuple[int, int], more: Costs | None = None
     return found.reshape(rows + 2, width)[1:-1, 1:-1]
 
 
+def space(passable: Cells, start: tuple[int, int]) -> float:
+    """How much there is to be gone through from a cell, m2."""
+    _, labels = cv2.connectedComponents(passable.view(np.uint8), connectivity=8)
+    return float(np.count_nonzero(labels == labels[start])) * CELL**2
+
+
 def way(steps: Steps, goal: tuple[int, int]) -> list[tuple[int, int]]:
     """Cells from the start of the wave to a goal, downhill; empty if there is no way."""
     if steps[goal] == FAR:

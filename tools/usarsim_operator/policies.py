@@ -28,6 +28,7 @@ from usarsim_operator.navigation import (
     Place,
     Steps,
     distances,
+    space,
     way,
 )
 from usarsim_operator.occupancy import CELL, OccupancyMap
@@ -52,8 +53,11 @@ _LEAST = 0.3  # power that turns on the spot, and rad that are worth it
 _IDLE = 0.6, 0.25  # simulated s for which it drives by less than this power, and is stuck, too
 _SLOW = 6.0, 0.5  # simulated s in which it comes this many m on, or it is stuck, too
 _FELT = 0.5  # m from its middle to what stopped it
-_AROUND = 0.4  # m around that, where its middle does not go
-_REMEMBERED = (300.0, 20.0, 0.0)  # simulated s: what is older counts no more; less if shut in
+_STEPS_BACK, _STEP_BACK, _AS_WIDE = 100, 0.2, 0.15  # places of the way it came, m apart, m around
+_REMEMBERED = ((300.0, 0.6), (300.0, 0.4), (20.0, 0.4), (0.0, 0.4))
+"""Simulated s after which what was felt counts no more, and m around it where its middle does not
+go; if shut in by it, the next."""
+_ROOMY = 8.0  # m2 that it gets to at least, or it is shut in
 _BESIDE = 0.8  # rad to either side in which what it has begun to climb goes on
 _BACK = 1.5  # simulated s of backing off
 _DOWN = 2.2  # simulated s of it where it has begun to climb
@@ -167,6 +171,7 @@ class _Traveller(Policy):
         self._caught, self._tries, self._freeing = (math.inf, math.inf), 0, (0.0, 0.0)
         self._told: Powers = (0.0, 0.0)
         self._pushed = math.inf
+        self._came: deque[Place] = deque(maxlen=_STEPS_BACK)
 
     def resume(self) -> None:
         """Looks for its way anew."""
@@ -199,13 +204,17 @@ class _Traveller(Policy):
 
     def _wanted(self, view: View) -> Powers:
         here = view.pose[:2]
+        leans = math.hypot(*view.lean) > _LEANS
+        if not leans and (not self._came or math.dist(here, self._came[-1]) > _STEP_BACK):
+            self._came.append(here)
         if view.time < self._back:
             return self._freeing
-        leans = math.hypot(*view.lean) > _LEANS
         if self._is_stuck(view) or leans:
             self._feel(view)
             self.blocked(view)
             self._tries = self._tries + 1 if math.dist(here, self._caught) < _HELD else 0
+            if self._tries:
+                self.why = "it is caught on something and tries to get free"
             self._caught, self._side = here, -self._side
             self._freeing = self._free_by(leans)
             self._back, self._due = view.time + (_DOWN if leans else _BACK), -math.inf
@@ -256,11 +265,16 @@ class _Traveller(Policy):
             room = math.dist(here, disc.place) - 0.1  # who is inside may leave, and come no nearer
             if room > 0.0:
                 grid.leave_out(free, disc.place, min(disc.radius + _CLEAR, room))
-        for remembered in _REMEMBERED:
+        for remembered, around in _REMEMBERED:
             passable = free.copy()
             for place in view.ground.felt(view.time - remembered):
-                grid.leave_out(passable, place, _AROUND)
+                grid.leave_out(passable, place, around)
+            for place in self._came:  # where it has driven, it can drive
+                part, there = grid.disc(place, _AS_WIDE)
+                passable[part] |= there & free[part]
             passable[grid.cell(here)] = True
+            if remembered and space(passable, grid.cell(here)) < _ROOMY:
+                continue
             self.choose(view, grid, passable)
             if self.goal is not None:
                 return
@@ -283,8 +297,8 @@ class _Traveller(Policy):
         self._track.append((view.time, here))
         while self._track[0][0] < view.time - _SLOW[0]:
             self._track.popleft()
-            if math.dist(here, self._track[0][1]) < _SLOW[1]:  # it turns to and fro
-                return True
+            if all(math.dist(here, place) < _SLOW[1] for _, place in self._track):
+                return True  # it turns to and fro
         if moved:
             self._anchor = view
             return False
@@ -382,10 +396,12 @@ class Search(Explore):
             return
         here, again = view.pose[:2], self._again
         steps = distances(passable, grid.cell(here))
-        if again is not None and math.dist(here, again) > _CLOSE:
-            self.go_to(grid, steps, grid.cell(again))
-            if self.goal is not None:
-                return
+        if again is not None:
+            if math.dist(here, again) > _CLOSE:
+                self.go_to(grid, steps, grid.cell(again))
+                if self.goal is not None:
+                    return
+            view.ground.visit(again, view.time)  # it need not stand on it, or no way leads there
         rows, columns = np.nonzero(steps[::_STRIDE, ::_STRIDE] < FAR)
         best, chosen = -math.inf, None
         for row, column in zip(

@@ -39,7 +39,7 @@ class Standing:
         spans: when it stood. mode: who drives it. policy: what it does by itself.
         off: whether it is switched off. failed: whether it is let fail.
         cut: whether nothing gets through to it.
-        says: why it stands by its own account; empty while it goes on.
+        says: why it stands, or stood last, by its own account.
     """
 
     spans: list[Stood] = field(default_factory=list)
@@ -49,6 +49,7 @@ class Standing:
     failed: bool = False
     cut: bool = False
     says: str = ""
+    _went_on: float = math.inf
     _places: deque[tuple[float, float, float]] = field(default_factory=deque)
 
     def row(self, time: float, row: Record, stopped: bool) -> None:
@@ -72,15 +73,18 @@ class Standing:
         since, *place = places[0]
         if time - since < LONG - 1e-6 or any(math.dist(one[1:], place) > NEAR for one in places):
             return
-        why = self._why(row, stopped)
-        if self.spans and since <= self.spans[-1].ends:
-            span = self.spans[-1]
-            span.ends = time
-            span.why = why if span.why == UNKNOWN else span.why
-        else:
+        why = self._why(time, row, stopped)
+        span = self.spans[-1] if self.spans and since <= self.spans[-1].ends else None
+        if span is None:
             self.spans.append(Stood(since, time, why))
+        elif why == span.why:
+            span.ends = time
+        elif span.why == UNKNOWN and span.ends - span.begins < 2.0 * LONG:
+            span.ends, span.why = time, why  # it was about to tell
+        else:
+            self.spans.append(Stood(span.ends, time, why))
 
-    def _why(self, row: Record, stopped: bool) -> str:
+    def _why(self, time: float, row: Record, stopped: bool) -> str:
         quat, battery = row.get("quat"), row.get("battery")
         if quat and None not in quat and 1.0 - 2.0 * (quat[1] ** 2 + quat[2] ** 2) < _UPRIGHT:
             return "it lies on its side or back"
@@ -100,7 +104,7 @@ class Standing:
             return "nothing drives it"
         if self.policy in ("stop", "hold"):
             return f"its policy is {self.policy}"
-        return self.says or UNKNOWN
+        return self.says if self.says and time <= self._went_on + LONG else UNKNOWN
 
     def take(self, record: Record) -> None:
         """Note a record that tells why this robot may stand."""
@@ -112,7 +116,10 @@ class Standing:
             case "link":
                 self.cut = record["state"] == "lost"
             case "stands":
-                self.says = str(record["why"]) or self.says
+                why, self._went_on = str(record["why"]), math.inf
+                if not why:
+                    self._went_on = record["t_sim"]
+                self.says = why or self.says
             case "inject" if record.get("do") in ("robot_fails", "robot_recovers"):
                 if not record.get("why"):
                     self.failed = record["do"] == "robot_fails"
