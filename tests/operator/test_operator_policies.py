@@ -169,6 +169,13 @@ def test_to_and_fro_is_not_being_stuck() -> None:
     assert max(one.x for one in places) > 3.2
 
 
+def test_what_its_scanner_sees_is_not_felt() -> None:
+    """It slows down before the frame of a door and backs off: the door stays open."""
+    map, toy, ground = OccupancyMap(), Toy(ROOMS, 1.0, 1.0, 0.7, speed=1.0), Ground()
+    _go(policies.make("explore", ()), toy, map, 90.0, ground)
+    assert list(ground.felt(0.0)) == []
+
+
 def test_what_is_felt_twice_is_one_thing() -> None:
     """Between two places of a pipe there is the pipe, and not between two things far apart."""
     ground = Ground()

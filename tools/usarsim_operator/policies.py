@@ -246,7 +246,8 @@ class _Traveller(Policy):
         x, y, yaw = view.pose
         off = _FELT if sum(self._told) >= 0.0 else -_FELT
         felt = x + off * math.cos(yaw), y + off * math.sin(yaw)
-        if not _walls(view, felt, RADIUS):  # else that was it
+        seen = off > 0.0 and _free(view.scan) < _FELT  # such as the frame of a door
+        if not seen and not _walls(view, felt, RADIUS):  # else that was it
             view.ground.feel(view.time, felt)
         roll, pitch = view.lean
         if math.hypot(roll, pitch) > _LEANS:
