@@ -114,11 +114,11 @@ def test_why_a_robot_stood() -> None:
         drawn.take({"t_sim": time, "kind": "truth", "robots": [row]})
     spans = [(one.begins, one.ends, one.why) for one in drawn.robots["A"].standing.spans]
     assert spans == [
-        (0.0, 40.0, "it is shut in"),
-        (40.0, 49.5, UNKNOWN),
+        (0.0, 39.5, "it is shut in"),
+        (39.5, 49.5, UNKNOWN),
         (60.0, 99.5, UNKNOWN),
-        (99.5, 111.0, "it is caught"),
-        (111.0, 149.5, UNKNOWN),
+        (99.5, 110.5, "it is caught"),
+        (110.5, 149.5, UNKNOWN),
     ]
 
 

@@ -160,6 +160,16 @@ def test_a_robot_that_hangs_tries_something_else() -> None:
     assert told == {"", "it is caught on something and tries to get free"}
 
 
+def test_who_pushes_and_turns_is_stuck() -> None:
+    """Wheels that slip turn it to and fro before a pallet: that is no way."""
+    map, toy, ground = OccupancyMap(), Toy(ROOMS, 2.0, 2.4, 0.0), Ground()
+    policy = policies.make("patrol", ((2.0, 2.4), (3.7, 2.4)))
+    for count in range(25):
+        policy.powers(_view(toy, map, ground))
+        toy.yaw, toy.time = 0.15 * (count // 5 % 2), toy.time + 0.1
+    assert len(list(ground.felt(0.0))) == 1
+
+
 def test_to_and_fro_is_not_being_stuck() -> None:
     """Where it passes again after 6 s nothing has held it."""
     map, toy, ground = OccupancyMap(), Toy(ROOMS, 2.0, 2.4, 0.0, speed=1.0), Ground()

@@ -49,6 +49,7 @@ _PLAN = 3.0  # simulated s after which a way is looked for anew
 _WAIT = 1.0  # simulated s after which one is looked for where there was none
 _STUCK = 1.2  # simulated s without getting anywhere
 _MOVED = 0.06, 0.12  # m or rad that count as getting somewhere
+_PUSH = 0.8  # simulated s times power ahead without getting anywhere
 _LEAST = 0.3  # power that turns on the spot, and rad that are worth it
 _IDLE = 0.6, 0.25  # simulated s for which it drives by less than this power, and is stuck, too
 _SLOW = 6.0, 0.5  # simulated s in which it comes this many m on, or it is stuck, too
@@ -171,6 +172,7 @@ class _Traveller(Policy):
         self._caught, self._tries, self._freeing = (math.inf, math.inf), 0, (0.0, 0.0)
         self._told: Powers = (0.0, 0.0)
         self._pushed = math.inf
+        self._push: tuple[float, Place, float] = (0.0, (math.inf, math.inf), 0.0)
         self._came: deque[Place] = deque(maxlen=_STEPS_BACK)
 
     def resume(self) -> None:
@@ -300,6 +302,8 @@ class _Traveller(Policy):
             self._track.popleft()
             if all(math.dist(here, place) < _SLOW[1] for _, place in self._track):
                 return True  # it turns to and fro
+        if self._pushes_on(view):
+            return True
         if moved:
             self._anchor = view
             return False
@@ -308,6 +312,17 @@ class _Traveller(Policy):
             return False
         self._anchor = view
         return True
+
+    def _pushes_on(self, view: View) -> bool:
+        """Whether it has pushed ahead for long and stayed; it may turn to and fro meanwhile."""
+        here, (since, place, pushed) = view.pose[:2], self._push
+        if math.dist(here, place) > _MOVED[0]:
+            place, pushed = here, 0.0
+        else:
+            pushed += max(0.0, sum(self._told) / 2.0) * min(view.time - since, _STUCK)
+        stuck = pushed > _PUSH
+        self._push = view.time, place, 0.0 if stuck else pushed
+        return stuck
 
     def _follow(self, view: View) -> Powers:
         x, y, yaw = view.pose

@@ -39,7 +39,7 @@ class Standing:
         spans: when it stood. mode: who drives it. policy: what it does by itself.
         off: whether it is switched off. failed: whether it is let fail.
         cut: whether nothing gets through to it.
-        says: why it stands, or stood last, by its own account.
+        says: why it stands by its own account; empty while it goes on.
     """
 
     spans: list[Stood] = field(default_factory=list)
@@ -49,7 +49,7 @@ class Standing:
     failed: bool = False
     cut: bool = False
     says: str = ""
-    _went_on: float = math.inf
+    _last: tuple[float, str] = (-math.inf, UNKNOWN)
     _places: deque[tuple[float, float, float]] = field(default_factory=deque)
 
     def row(self, time: float, row: Record, stopped: bool) -> None:
@@ -59,6 +59,8 @@ class Standing:
             time: simulated s. row: of the truth, about this robot.
             stopped: whether the emergency stop holds all robots.
         """
+        if held := self._why(row, stopped):
+            self._last = time, held
         pos, places = row.get("pos"), self._places
         if not pos or pos[0] is None or pos[1] is None:
             places.clear()
@@ -73,7 +75,8 @@ class Standing:
         since, *place = places[0]
         if time - since < LONG - 1e-6 or any(math.dist(one[1:], place) > NEAR for one in places):
             return
-        why = self._why(time, row, stopped)
+        # What held it until just now still tells why it is not farther.
+        why = self._last[1] if time - self._last[0] <= LONG else UNKNOWN
         span = self.spans[-1] if self.spans and since <= self.spans[-1].ends else None
         if span is None:
             self.spans.append(Stood(since, time, why))
@@ -84,7 +87,8 @@ class Standing:
         else:
             self.spans.append(Stood(span.ends, time, why))
 
-    def _why(self, time: float, row: Record, stopped: bool) -> str:
+    def _why(self, row: Record, stopped: bool) -> str:
+        """What holds it now; empty if nothing does."""
         quat, battery = row.get("quat"), row.get("battery")
         if quat and None not in quat and 1.0 - 2.0 * (quat[1] ** 2 + quat[2] ** 2) < _UPRIGHT:
             return "it lies on its side or back"
@@ -104,7 +108,7 @@ class Standing:
             return "nothing drives it"
         if self.policy in ("stop", "hold"):
             return f"its policy is {self.policy}"
-        return self.says if self.says and time <= self._went_on + LONG else UNKNOWN
+        return self.says
 
     def take(self, record: Record) -> None:
         """Note a record that tells why this robot may stand."""
@@ -116,10 +120,7 @@ class Standing:
             case "link":
                 self.cut = record["state"] == "lost"
             case "stands":
-                why, self._went_on = str(record["why"]), math.inf
-                if not why:
-                    self._went_on = record["t_sim"]
-                self.says = why or self.says
+                self.says = str(record["why"])
             case "inject" if record.get("do") in ("robot_fails", "robot_recovers"):
                 if not record.get("why"):
                     self.failed = record["do"] == "robot_fails"
