@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from usarsim_mission.match import timeline
 from usarsim_mission.match.drawn import Drawn, Span
 from usarsim_mission.match.report import write_report
 from usarsim_mission.match.standing import UNKNOWN
@@ -137,12 +138,25 @@ def test_a_report(played: Path, tmp_path: Path) -> None:
     assert "not whole" not in text
     assert "ended by the operator" in text
     assert "yellow zone" in text
+    assert "table below" not in text  # nothing happened that it would tell
     found = pictures[0].findall(".//{*}title")
     assert {"<i>Anna", "Ben", "start of R1", "mark 3"} <= {one.text for one in found}
     assert ElementTree.parse(folder / "plan.svg").getroot().tag.endswith("svg")
     (row,) = csv.DictReader((folder / "summary.csv").open())
     assert (row["points"], row["lasted_s"]) == (str(result["total"]), "25.0")
     assert (row["flaw"], row["VF"], row["ended"]) == ("", "2", "operator")
+
+
+def test_finds_stand_beside_one_another() -> None:
+    """Several within seconds: each number can be read."""
+    drawn = Drawn()
+    for time, victim in ((10.0, "A"), (11.0, "B"), (300.0, "C")):
+        drawn.take({"t_sim": time, "kind": "found", "victim": victim})
+    drawn.take({"t_sim": 600.0, "kind": "score", "total": 1.0})
+    picture = timeline.timeline(drawn, 0.0, {"A": 1, "B": 2, "C": 3})
+    places = [float(one) for one in re.findall(r'circle cx="([0-9.]+)"', picture)]
+    assert places[1] - places[0] >= 22.0
+    assert places[2] == pytest.approx((88.0 + 975.0) / 2.0, abs=0.1)
 
 
 def test_a_report_of_a_run_that_did_not_begin(played: Path, tmp_path: Path) -> None:

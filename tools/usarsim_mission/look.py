@@ -18,6 +18,7 @@ sans-serif;color:var(--ink);background:#fff;-webkit-text-size-adjust:100%}
 body{margin:0}main{max-width:64rem;margin:0 auto;padding:3rem 1.25rem 4rem}
 h1{font-size:1.9rem;line-height:1.2;font-weight:600;letter-spacing:-.01em;margin:0 0 .35rem}
 h2{font-size:1.1rem;line-height:1.3;font-weight:600;margin:2.75rem 0 .75rem}
+h3{font-size:1rem;line-height:1.3;font-weight:600;margin:1.75rem 0 .5rem}
 p{margin:.6rem 0 .8rem;max-width:46rem;overflow-wrap:anywhere}
 a{color:var(--accent)}.quiet{color:var(--muted)}.small{font-size:.85rem}
 .warn{border-left:4px solid var(--warn);background:#fff6ec;padding:.6rem .9rem;margin:1.2rem 0;

@@ -131,7 +131,7 @@ def _parts(
         yield '<p class="quiet">The trial did not begin.</p>'
     else:
         yield "<figure>" + timeline.timeline(drawn, began, numbers)
-        yield f"<figcaption>{timeline.legend()}</figcaption></figure>"
+        yield f"<figcaption>{timeline.legend(drawn)}</figcaption></figure>"
     if drawn.events:
         cells = [[number(time - began), escape(words)] for time, words in drawn.events]
         yield table(("At, s", "What happened"), cells)
@@ -216,7 +216,7 @@ def _stood(drawn: Drawn, began: float) -> str:
     if not rows:
         return f'<p class="quiet">No robot stood ({rule}).</p>'
     heads = ("Robot", "From, s", "For, s", "Why")
-    return f"<h3>Where they stood ({rule})</h3>" + table(heads, rows, (1, 2))
+    return f"<h3>When they stood, and why ({rule})</h3>" + table(heads, rows, (1, 2))
 
 
 def _robots(drawn: Drawn, result: dict[str, Any], lasted: float) -> str:

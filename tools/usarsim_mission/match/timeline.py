@@ -55,7 +55,7 @@ def timeline(drawn: Drawn, began: float, numbers: Mapping[str, int]) -> str:
     return "".join(parts)
 
 
-def legend() -> str:
+def legend(drawn: Drawn) -> str:
     """What the picture shows, in words with their signs."""
     signs = (
         ('<path d="M1 5h14v6H1z" fill="#5f6871" fill-opacity=".35"/>', "drives by itself"),
@@ -64,8 +64,9 @@ def legend() -> str:
         ('<path d="M1 5h14v6H1z" fill="url(#cut)" stroke="#5f6871"/>', "no link"),
         ('<path d="M8 3v10" stroke="#1f2328" stroke-width="1.5"/>', "collision"),
         ('<path d="M8 2v12" stroke="#b3261e" stroke-width="3"/>', "victim touched"),
-        ('<path d="M2 13h12l-6 -11z" fill="#9a4a00"/>', "see the table below"),
+        ('<path d="M2 13h12l-6 -11z" fill="#9a4a00"/>', "told in the table below"),
     )
+    signs = signs if drawn.events else signs[:-1]
     return "".join(
         f'<span class="key"><svg viewBox="0 0 16 16">{sign}</svg>{words}</span>'
         for sign, words in signs
@@ -101,12 +102,14 @@ def _points(drawn: Drawn, x: X) -> Iterator[str]:
 
 def _finds(drawn: Drawn, x: X, numbers: Mapping[str, int], bottom: float) -> Iterator[str]:
     """A line for each find, with the number of the victim, and signs of what else happened."""
+    right = 0.0
     for time, victim in drawn.found:
         place, name = f"{x(time):.1f}", numbers.get(victim, "?")
+        right = max(x(time), right + 24.0)  # beside the one before, not on it
         yield (
             f'<line x1="{place}" x2="{place}" y1="28" y2="{bottom:.0f}" stroke="#0a7d5a" '
-            f'stroke-dasharray="3 4"/><circle cx="{place}" cy="18" r="11" fill="#0a7d5a"/>'
-            f'<text x="{place}" y="22.5" font-size="13" font-weight="700" text-anchor="middle" '
+            f'stroke-dasharray="3 4"/><circle cx="{right:.1f}" cy="18" r="11" fill="#0a7d5a"/>'
+            f'<text x="{right:.1f}" y="22.5" font-size="13" font-weight="700" text-anchor="middle" '
             f'style="fill:#fff">{name}<title>{escape(victim)}, {number(time)} s</title></text>'
         )
     for time, words in drawn.events:
