@@ -186,6 +186,19 @@ def test_what_its_scanner_sees_is_not_felt() -> None:
     assert list(ground.felt(0.0)) == []
 
 
+def test_it_goes_carefully_beside_what_was_felt() -> None:
+    """At half its power: at full speed it would be on a pipe before it leans."""
+    map, toy, ground = OccupancyMap(), Toy(ROOMS, 1.0, 2.4, 0.0), Ground()
+    ground.feel(0.0, (2.5, 3.4))
+    policy, fastest = policies.make("patrol", ((1.0, 2.4), (4.0, 2.4))), [0.0, 0.0]
+    while toy.x < 3.5:
+        toy.left, toy.right = policy.powers(_view(toy, map, ground))
+        near = math.dist((toy.x, toy.y), (2.5, 3.4)) < 1.2
+        fastest[near] = max(fastest[near], (toy.left + toy.right) / 2.0)
+        toy.step()
+    assert fastest == pytest.approx([1.0, 0.5], abs=0.01)
+
+
 def test_what_is_felt_twice_is_one_thing() -> None:
     """Between two places of a pipe there is the pipe, and not between two things far apart."""
     ground = Ground()

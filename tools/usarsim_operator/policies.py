@@ -62,7 +62,8 @@ _ROOMY = 8.0  # m2 that it gets to at least, or it is shut in
 _BESIDE = 0.8  # rad to either side in which what it has begun to climb goes on
 _BACK = 1.5  # simulated s of backing off
 _DOWN = 2.2  # simulated s of it where it has begun to climb
-_LEANS = 0.15  # rad from upright at which it has begun to climb onto something
+_LEANS = 0.1  # rad from upright at which it has begun to climb onto something
+_CAREFUL = 1.2, 0.5  # m from what was felt to its middle at which it has this power ahead at most
 _CLEAR = 0.38  # m from its middle to what it must not touch, beside how far that reaches
 _NEXT = 0.3  # m: as far on it looks whether it would touch somebody
 _STRIDE = 8  # cells between two places that are worth another look
@@ -332,6 +333,9 @@ class _Traveller(Policy):
         error = math.remainder(math.atan2(aim[1] - y, aim[0] - x) - yaw, math.tau)
         free = _free(view.scan)
         speed = CRUISE * min(max((free - _NEAR) / 0.8, 0.0), 1.0)
+        felt = view.ground.felt(view.time - _REMEMBERED[0][0])
+        if any(math.dist((x, y), place) < _CAREFUL[0] for place in felt):
+            speed = min(speed, _CAREFUL[1])  # at full speed it would be on it before it leans
         return _steer(error, speed)
 
 
