@@ -66,10 +66,9 @@ def legend(drawn: Drawn) -> str:
         ('<path d="M8 2v12" stroke="#b3261e" stroke-width="3"/>', "victim touched"),
         ('<path d="M2 13h12l-6 -11z" fill="#9a4a00"/>', "told in the table below"),
     )
-    signs = signs if drawn.events else signs[:-1]
     return "".join(
         f'<span class="key"><svg viewBox="0 0 16 16">{sign}</svg>{words}</span>'
-        for sign, words in signs
+        for sign, words in (signs if drawn.events else signs[:-1])
     )
 
 
