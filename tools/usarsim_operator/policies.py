@@ -63,7 +63,7 @@ _BESIDE = 0.8  # rad to either side in which what it has begun to climb goes on
 _BACK = 1.5  # simulated s of backing off
 _DOWN = 2.2  # simulated s of it where it has begun to climb
 _LEANS = 0.1  # rad from upright at which it has begun to climb onto something
-_CAREFUL = 1.2, 0.5  # m from what was felt to its middle at which it has this power ahead at most
+_CAREFUL = 1.2, 0.7  # m from what was felt to its middle at which it has this power ahead at most
 _CLEAR = 0.38  # m from its middle to what it must not touch, beside how far that reaches
 _NEXT = 0.3  # m: as far on it looks whether it would touch somebody
 _STRIDE = 8  # cells between two places that are worth another look
@@ -72,6 +72,7 @@ _OLDEST = 600.0  # simulated s since the last look that are worth something
 _PACE = 0.3  # m/s on the way there
 _GIVEN_UP, _WIDELY = 0.7, 1.5  # m around a frontier that is given up
 _RETRY = 120.0  # simulated s after which it tries again what it has given up
+_AGAIN = 0.6, 15.0  # m and simulated s within which it is caught again on the same
 _HELD = 0.3  # m within which it is still where it was stuck before
 _FREEING = (None, (-CRUISE, -CRUISE), (CRUISE, CRUISE))
 """What is tried in turn while it is stuck at one place: to back off in a curve, then straight, as
@@ -170,6 +171,7 @@ class _Traveller(Policy):
         self._track: deque[tuple[float, Place]] = deque()
         self._back = -math.inf
         self._side = 0.3
+        self._since, self._unseen = -math.inf, False
         self._caught, self._tries, self._freeing = (math.inf, math.inf), 0, (0.0, 0.0)
         self._told: Powers = (0.0, 0.0)
         self._pushed = math.inf
@@ -194,10 +196,17 @@ class _Traveller(Policy):
         self.goal = self._way[-1] if self._way else None
 
     def powers(self, view: View) -> Powers:
-        """Along the way, unless that would touch somebody."""
+        """Along the way, unless that would touch somebody, or a wall behind.
+
+        What is wedged in cannot be choosy about walls.
+        """
         left, right = self._wanted(view)
         ahead = left + right
-        if ahead and _touches(view, math.copysign(_NEXT, ahead), walls=not self._tries):
+        off = math.copysign(_NEXT, ahead)
+        meets = bool(ahead) and _meets(view, off)
+        if meets:
+            self.why = "somebody, or another robot, is in its way"
+        if meets or (ahead < 0.0 and not self._tries and _backs_into_wall(view, off)):
             self._back = -math.inf
             self._due = min(self._due, view.time + _WAIT)
             turn = (left - right) / 2.0 or math.copysign(0.5, self._side)
@@ -213,12 +222,13 @@ class _Traveller(Policy):
         if view.time < self._back:
             return self._freeing
         if self._is_stuck(view) or leans:
-            self._feel(view)
+            self._unseen = self._feel(view) or leans
             self.blocked(view)
-            self._tries = self._tries + 1 if math.dist(here, self._caught) < _HELD else 0
-            if self._tries:
+            off, passed = math.dist(here, self._caught), view.time - self._since
+            self._tries = self._tries + 1 if off < _HELD else 0
+            if off < _AGAIN[0] and passed < _AGAIN[1]:
                 self.why = "it is caught on something and tries to get free"
-            self._caught, self._side = here, -self._side
+            self._caught, self._since, self._side = here, view.time, -self._side
             self._freeing = self._free_by(leans)
             self._back, self._due = view.time + (_DOWN if leans else _BACK), -math.inf
             self._track.clear()
@@ -244,13 +254,18 @@ class _Traveller(Policy):
             return (came, came, curve, (-came[0], -came[1]))[self._tries % 4]
         return _FREEING[self._tries % len(_FREEING)] or curve
 
-    def _feel(self, view: View) -> None:
-        """What scanners do not see is felt: before it, and where it leans, uphill."""
+    def _feel(self, view: View) -> bool:
+        """What scanners do not see is felt: before it, and where it leans, uphill.
+
+        Returns:
+            Whether something was.
+        """
         x, y, yaw = view.pose
         off = _FELT if sum(self._told) >= 0.0 else -_FELT
         felt = x + off * math.cos(yaw), y + off * math.sin(yaw)
         seen = off > 0.0 and _free(view.scan) < _FELT  # such as the frame of a door
-        if not seen and not _walls(view, felt, RADIUS):  # else that was it
+        unseen = not seen and not _walls(view, felt, RADIUS)
+        if unseen:
             view.ground.feel(view.time, felt)
         roll, pitch = view.lean
         if math.hypot(roll, pitch) > _LEANS:
@@ -259,6 +274,7 @@ class _Traveller(Policy):
                 toward = uphill + side
                 place = x + _FELT * math.cos(toward), y + _FELT * math.sin(toward)
                 view.ground.feel(view.time, place)
+        return unseen
 
     def _plan(self, view: View, arrived: bool) -> None:
         """Choose where to go; shut in by what it has felt, it tries that again."""
@@ -349,9 +365,9 @@ class Explore(_Traveller):
         self._given_up: deque[tuple[float, Place, float]] = deque()
 
     def blocked(self, view: View) -> None:
-        """That frontier cannot be reached; before what it cannot climb, those beside it neither."""
+        """That frontier cannot be reached; behind what it only feels, those beside it neither."""
         if self.goal is not None:
-            climbs = math.hypot(*view.lean) > _LEANS / 3.0
+            climbs = self._unseen or math.hypot(*view.lean) > _LEANS / 3.0
             self._given_up.append((view.time, self.goal, _WIDELY if climbs else _GIVEN_UP))
         self.goal = None
 
@@ -505,11 +521,8 @@ def names() -> list[str]:
     return own + sorted(one.name for one in entry_points(group=GROUP))
 
 
-def _touches(view: View, off: float, *, walls: bool) -> bool:
-    """Whether so many m on, or back, it would come too near to somebody, or to a wall behind.
-
-    walls: whether those behind count; what is wedged in cannot be choosy.
-    """
+def _meets(view: View, off: float) -> bool:
+    """Whether so many m on, or back, it would come too near to somebody."""
     x, y, yaw = view.pose
     there = x + off * math.cos(yaw), y + off * math.sin(yaw)
 
@@ -517,10 +530,14 @@ def _touches(view: View, off: float, *, walls: bool) -> bool:
         far = math.dist(there, disc.place)
         return far < disc.radius + _CLEAR and far < math.dist((x, y), disc.place)
 
-    if any(map(nears, (*view.ground.people(), *view.ground.others(view.robot)))):
-        return True
-    if off > 0.0 or not walls or math.hypot(*view.lean) > _LEANS:
+    return any(map(nears, (*view.ground.people(), *view.ground.others(view.robot))))
+
+
+def _backs_into_wall(view: View, off: float) -> bool:
+    """Whether there is a wall where it would be; what leans has to get down all the same."""
+    if math.hypot(*view.lean) > _LEANS:
         return False
+    x, y, yaw = view.pose
     return _walls(view, (x + 1.3 * off * math.cos(yaw), y + 1.3 * off * math.sin(yaw)), 0.15)
 
 
