@@ -244,6 +244,7 @@ def test_the_score_that_pages_show_is_that_of_the_log(runs: list[tuple[Path, Per
         assert len({one["mission"]["score"] for one in known}) >= 2
 
 
+@pytest.mark.slow
 def test_inputs_of_five_people_give_the_same_again(runs: list[tuple[Path, Person]]) -> None:
     """HRI-09: what robots are told, all coordinates and velocities (digest), verdicts, measures;
     also where an experimenter made a robot fail, or ended the trial."""
