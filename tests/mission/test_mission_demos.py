@@ -11,7 +11,9 @@ from usarsim_mission.scenario.reader import shipped_missions
 from usarsim_server.cli import main
 
 
-@pytest.mark.parametrize("mission", ["arena-search", "rsarsim"])
+@pytest.mark.parametrize(
+    "mission", ["arena-search", pytest.param("rsarsim", marks=pytest.mark.slow)]
+)
 def test_a_demonstration_begins_well(tmp_path: Path, mission: str) -> None:
     """Robots see some of the world, touch nobody, and none stands without a reason."""
     out = tmp_path / "run"
