@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -102,22 +101,6 @@ def test_people_are_kept_clear_of() -> None:
     places = _go(policies.make("explore", ()), toy, map, 60.0, ground)
     assert min(math.dist((one.x, one.y), lies) for one in places) > 0.5 + 0.25
     assert max(one.x for one in places) > 5.0
-
-
-def test_it_stays_on_a_lift() -> None:
-    """Carried up by 0.3 m/s it stands, and goes on when it is down again; a step is no lift."""
-    map, toy = OccupancyMap(), Toy(ROOMS, 2.0, 2.4, 0.0)
-    policy = policies.make("patrol", ((2.0, 2.4), (4.0, 2.4)))
-    heights = [0.0] * 5 + [0.02] * 5 + [0.03 * n for n in range(1, 11)] + [0.3] * 20
-    heights += [0.3 - 0.03 * n for n in range(1, 11)] + [0.0] * 5
-    told = []
-    for height in heights:
-        view = replace(_view(toy, map), depth=-height)
-        told.append((policy.powers(view) != (0.0, 0.0), policy.why))
-        toy.time += 0.1
-    assert all(goes for goes, _ in told[:10])
-    assert set(told[14:40]) == {(False, "a lift carries it")}
-    assert told[-1][0]
 
 
 def test_who_waits_for_somebody_says_so() -> None:

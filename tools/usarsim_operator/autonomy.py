@@ -137,8 +137,7 @@ class Autonomy:
         here, lean = (pose[0], pose[1], pose[5]), (pose[3], pose[4])
         ground = self.ground
         ground.mark(self._station.marks.places())
-        map = self._station.map
-        view = View(time, here, found.scan, map, goals, ground, driven.name, lean, pose[2])
+        view = View(time, here, found.scan, self._station.map, goals, ground, driven.name, lean)
         left, right = found.policy.powers(view)
         if found.policy.why != found.why:
             found.why = found.policy.why

@@ -63,7 +63,6 @@ _BESIDE = 0.8  # rad to either side in which what it has begun to climb goes on
 _BACK = 1.5  # simulated s of backing off
 _DOWN = 2.2  # simulated s of it where it has begun to climb
 _LEANS = 0.1  # rad from upright at which it has begun to climb onto something
-_UPRIGHT, _LIFTS = 0.05, (0.1, 0.05)  # rad; m/s up or down while upright, and m that tell of it
 _CAREFUL = 1.2, 0.7  # m from what was felt to its middle at which it has this power ahead at most
 _CLEAR = 0.38  # m from its middle to what it must not touch, beside how far that reaches
 _NEXT = 0.3  # m: as far on it looks whether it would touch somebody
@@ -89,7 +88,7 @@ class View:
         scan: its newest flat scan; None if it has none.
         map: of all robots. goals: places that others go to, by robot.
         ground: what all robots know beside the map. robot: its name.
-        lean: roll and pitch, rad. depth: of its pose, m; less is higher.
+        lean: roll and pitch, rad.
     """
 
     time: float
@@ -100,7 +99,6 @@ class View:
     ground: Ground = field(default_factory=Ground)
     robot: str = ""
     lean: tuple[float, float] = (0.0, 0.0)
-    depth: float = 0.0
 
 
 Powers = tuple[float, float]
@@ -173,7 +171,6 @@ class _Traveller(Policy):
         self._track: deque[tuple[float, Place]] = deque()
         self._back = -math.inf
         self._side = 0.3
-        self._height, self._carried = (-math.inf, 0.0), 0.0
         self._since, self._unseen = -math.inf, False
         self._caught, self._tries, self._freeing = (math.inf, math.inf), 0, (0.0, 0.0)
         self._told: Powers = (0.0, 0.0)
@@ -203,10 +200,6 @@ class _Traveller(Policy):
 
         What is wedged in cannot be choosy about walls.
         """
-        if self._is_carried(view):
-            self.why, self._told = "a lift carries it", (0.0, 0.0)
-            self._anchor = None
-            return self._told
         left, right = self._wanted(view)
         ahead = left + right
         off = math.copysign(_NEXT, ahead)
@@ -220,16 +213,6 @@ class _Traveller(Policy):
             left, right = turn, -turn
         self._told = left, right
         return self._told
-
-    def _is_carried(self, view: View) -> bool:
-        """Whether a lift has taken it from its floor: it would fall off at the side."""
-        time, depth = self._height
-        passed, gone = view.time - time, view.depth - depth
-        self._height = view.time, view.depth
-        upright = math.hypot(*view.lean) < _UPRIGHT
-        if upright and 0.0 < passed < _WAIT and abs(gone) > _LIFTS[0] * passed:
-            self._carried += gone
-        return abs(self._carried) > _LIFTS[1]
 
     def _wanted(self, view: View) -> Powers:
         here = view.pose[:2]
