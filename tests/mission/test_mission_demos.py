@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from demo_missions import SEEDS, judge
 
+from usarsim_mission.match.drawn import Drawn
+from usarsim_mission.runlog import RunFolder
 from usarsim_mission.scenario.reader import shipped_missions
 from usarsim_server.cli import main
 
@@ -23,6 +25,10 @@ def test_a_demonstration_begins_well(tmp_path: Path, mission: str) -> None:
     assert row.misses == []
     assert row.points > 5.0 or mission == "rsarsim"  # which pays for victims alone
     assert (row.mission, row.seed) == (mission, 1)
+    drawn = Drawn()
+    for record in RunFolder(out).records():
+        drawn.take(record)
+    assert min(robot.way for robot in drawn.robots.values()) > 1.0  # all of them drive
 
 
 def test_all_with_a_world_are_judged() -> None:
