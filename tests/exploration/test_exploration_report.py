@@ -217,6 +217,7 @@ def bench(folder: Path, strategy: str, **team: object) -> Path:
     return folder / strategy
 
 
+@pytest.mark.slow
 def test_batches_of_bench(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """E-76, EXP-20: real results of two batches together, unless their scenarios differ."""
     folders = bench(tmp_path, "frontier"), bench(tmp_path, "ratio")
