@@ -14,7 +14,7 @@ from pathlib import Path
 from usarsim_batch.errors import BatchError
 from usarsim_batch.tasks import Played, Task
 from usarsim_server.errors import at
-from usarsim_server.files import read_regular, reason, replacing
+from usarsim_server.files import check_links, read_regular, reason, replacing
 
 BATCH, RESULT, RUNS = "batch.json", "result.json", "runs"
 _LARGEST = 1 << 30
@@ -35,7 +35,8 @@ class Folder:
             folder: of results. format: of `result.json`. batch: all that is run.
 
         Raises:
-            BatchError: it holds runs of another batch, or cannot be written.
+            BatchError: it holds runs of another batch, cannot be written, or a link in it leads out
+                of it.
         """
         self.folder, self.format, self.batch = folder, format, batch
         told = {"version": version("usarsim-server"), **batch}
@@ -46,6 +47,7 @@ class Folder:
         except OSError as error:
             problem = f"cannot be made: {reason(error)}"
             raise BatchError(at(folder, problem, "give another folder")) from error
+        check_links(folder, BatchError)
         path = folder / BATCH
         if path.exists():
             content = read_json(path, "name another folder, or remove this one")
@@ -98,9 +100,10 @@ def read_run(path: Path) -> Played | None:
     """What is kept of a run; None if nothing is, or nothing that can be read: it is run again."""
     try:
         kept = json.loads(read_regular(path))
-        return Played(kept["row"], kept["timing"], kept.get("about", {}))
-    except (OSError, ValueError, KeyError, TypeError):
+        found = Played(kept["row"], kept["timing"], kept.get("about", {}))
+    except (OSError, ValueError, RecursionError, KeyError, TypeError, AttributeError):
         return None
+    return found if all(isinstance(part, dict) for part in found) else None
 
 
 def read_json(path: Path, cure: str) -> object:

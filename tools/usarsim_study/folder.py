@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from usarsim_mission.runlog import EVENTS, SCORE, TRUTH
-from usarsim_server.files import write_text
+from usarsim_server.files import check_links, write_text
 from usarsim_server.private import FOLDER_MODE, private
 from usarsim_server.toml import read_text
 from usarsim_study.assignment import ALLOCATION, Order, claim_number, new_code, read_allocation
@@ -87,8 +87,9 @@ class StudyFolder:
         """Read the study.
 
         Raises:
-            StudyError: there is none, or it is wrong.
+            StudyError: there is none, it is wrong, or a link in it leads out of it.
         """
+        check_links(path, StudyError)
         self.path = path
         self.study: Study = read_study(path / FILE)
 
