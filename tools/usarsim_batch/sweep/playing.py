@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-import json
 import re
 import resource
 import shutil
@@ -23,6 +22,7 @@ from usarsim_client.scene import LiveScene, connect_scene
 from usarsim_server.children import python
 from usarsim_server.errors import UsarsimError
 from usarsim_server.files import check_links, reason
+from usarsim_server.protocol.json_text import parse_json
 
 RESULT = "result.json"
 """What a controller writes there into `{out}` becomes part of the results."""
@@ -166,8 +166,8 @@ def _written(folder: Path) -> dict[str, Any]:
     path = folder / RESULT
     if path.is_file() and path.stat().st_size <= _LARGEST:
         try:
-            found["result"] = json.loads(path.read_bytes())
-        except (ValueError, RecursionError) as error:
+            found["result"] = parse_json(path.read_bytes())
+        except ValueError as error:
             raise _FailedError(f"{path}: is no JSON: {error}") from None
     return found
 
