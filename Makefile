@@ -10,7 +10,7 @@ SECONDS ?= 60
 # Servers and tests start Python hundreds of times: no use in compiling all modules each time.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: console run test fuzz lint format types bench fidelity worlds missions page package clean help
+.PHONY: console run test test-all fuzz lint format types bench fidelity worlds missions page package clean help
 
 help:            ## show this list
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
@@ -21,9 +21,12 @@ console: $(VENV)/ready-console page ## try it in the browser: server, wandering 
 run: $(VENV)/ready        ## start the server (ARGS="--world office" adds options)
 	$(BIN)/usarsim serve $(ARGS)
 
-test: $(VENV)/ready-dev   ## run the tests
+test: $(VENV)/ready-dev   ## run the tests, but for the slow ones
 	@$(MAKE) --no-print-directory page || echo "WARNING: no page, its tests are left out"
 	$(BIN)/python tests/run.py $(ARGS)
+
+test-all:        ## run the slow tests too
+	@$(MAKE) --no-print-directory test ARGS="--lane all $(ARGS)"
 
 fuzz: $(VENV)/ready-fuzz  ## look for bytes that no reader can stand (SECONDS=60 for each)
 	$(BIN)/python tests/fuzz/run.py --seconds $(SECONDS) $(ARGS)

@@ -46,8 +46,27 @@ DEAR = (
 """Files that take most of the processor, dearest first: none may be left for the end."""
 
 
+SLOW_ADVICE = "Slow tests were left out; `make test-all` runs them too."
+
 BROWSER = ("test_console_", "test_demo", "test_page", "test_share_page")
 """How files begin that open pages in Chromium."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Choose between the tests for every commit and the slow ones."""
+    parser.addoption(
+        "--lane",
+        choices=("fast", "slow", "all"),
+        help="fast: without tests marked slow (the default, but for tests named with ::); slow: "
+        "only these; all",
+    )
+
+
+def lane(config: pytest.Config) -> str:
+    """Which tests are run: `fast`, `slow` or `all`."""
+    named = any("::" in argument for argument in config.args)
+    chosen: str | None = config.getoption("--lane")
+    return chosen or ("all" if named or config.option.markexpr else "fast")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -81,8 +100,16 @@ def pytest_collection() -> Iterator[None]:
         gc.freeze()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Bring dear files to the front, those with a browser first of all."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out the other lane, and bring dear files to the front, those with a browser first of
+    all."""
+    chosen = lane(config)
+    if chosen != "all":
+        parts: dict[bool, list[pytest.Item]] = {True: [], False: []}
+        for item in items:
+            parts[item.get_closest_marker("slow") is not None].append(item)
+        config.hook.pytest_deselected(items=parts[chosen == "fast"])
+        items[:] = parts[chosen == "slow"]
     places = {name: place for place, name in enumerate(DEAR)}
     places |= {one.path.name: -1 for one in items if one.path.name.startswith(BROWSER)}
     items.sort(key=lambda item: places.get(item.path.name, len(DEAR)))
@@ -104,6 +131,8 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     reasons = Counter(str(one.longrepr[2]) for one in skipped if isinstance(one.longrepr, tuple))
     for reason, count in sorted(reasons.items()):
         terminalreporter.write_line(f"SKIPPED [{count}] {reason.removeprefix('Skipped: ')}")
+    if lane(terminalreporter.config) == "fast":
+        terminalreporter.write_line(SLOW_ADVICE)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -17,6 +17,7 @@ TOP = Path(__file__).resolve().parent.parent
 WORKERS = ("-n", "5", "--dist", "loadfile")
 # More failures than this are no mischance: a second run would only take time.
 FEW = 12
+FILE = re.compile(r"\.py(::|$)")
 FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+\.py\S*)")
 
 
@@ -61,7 +62,9 @@ def main(options: list[str]) -> int:
     """
     if not options:
         prepare()
-    status, failed = pytest(*WORKERS, *options)
+    # Workers take seconds to begin, which one file is not worth.
+    workers = () if any(FILE.search(option) for option in options) else WORKERS
+    status, failed = pytest(*workers, *options)
     if status == 1 and 0 < len(failed) <= FEW:
         print(f"{len(failed)} failed beside others; once more, alone:", flush=True)
         status, still = pytest("--last-failed", *options)

@@ -189,6 +189,7 @@ def test_unknown_items_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert "no item con-99 (choose from con-02, con-04" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_it_is_taken(tmp_path: Path) -> None:
     """CON-02, CON-15: a server, a gateway, pages: the figures are there, in one table."""
     pytest.importorskip("aiohttp")

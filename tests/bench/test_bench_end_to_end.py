@@ -64,6 +64,7 @@ def _hurried(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(admission, "WATCHED", 0.6)
 
 
+@pytest.mark.slow
 class TestMeasurements:
     def test_largest(self, tmp_path: Path) -> None:
         """A single size has figures of its own, and no aim."""
@@ -167,6 +168,7 @@ class TestServer:
         server.close()
 
 
+@pytest.mark.slow
 def test_relay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two robots and a base: the data arrived."""
     monkeypatch.setattr(relay, "PINGS", 5)
@@ -176,6 +178,7 @@ def test_relay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert figures["Data carried"]["value"] > 0.0
 
 
+@pytest.mark.slow
 def test_delivery(tmp_path: Path) -> None:
     """Pictures arrive; where there is OpenGL they are compared with those of a loop."""
     figures = measured(tmp_path, "delivery", 2.0, robots=1)
@@ -259,6 +262,7 @@ FIGURES: dict[str, tuple[float, dict[str, str | None]]] = {
 """Length of some measurements, and aims of some figures, all of which are above zero."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FIGURES)
 def test_figures_and_aims(tmp_path: Path, name: str) -> None:
     """What is judged has its aim, and something was measured."""
@@ -281,6 +285,7 @@ class TestFlatness:
         assert math.isnan(flatness([(0.0, 1.0)], 0.0))
 
 
+@pytest.mark.slow
 def test_a_very_short_soak(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Robots come and speak, radio links carry, nothing is missing, everything is given back."""
     monkeypatch.setattr(soak, "SETTLE", 1.0)

@@ -319,6 +319,7 @@ class TestNewcomers:
         assert not newcomers.answers
 
 
+@pytest.mark.slow
 def test_measurement(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

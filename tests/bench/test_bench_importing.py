@@ -19,6 +19,7 @@ from usarsim_maps.reader import ImportOptions
 RESULT = Importing(4.0, 0.002, 1.0, 6e-5, 0.9, 2**29, 2**25, 900, 52000, 4)
 
 
+@pytest.mark.slow
 def test_the_hall_is_a_competition_map(tmp_path: Path) -> None:
     """Fifty brushes and a hundred meshes; nothing is missing but a texture, starts are free."""
     source, assets = write_hall(tmp_path)

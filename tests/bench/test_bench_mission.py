@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from usarsim_bench.figures import Plan
 from usarsim_bench.mission import referee_figures
 from usarsim_bench.mission_run import study_figures, trial_figures
@@ -14,6 +16,7 @@ def test_a_referee_costs_less_than_a_twentieth_of_a_core() -> None:
     assert figures["Differences then"].value == 0
 
 
+@pytest.mark.slow
 def test_a_trial_and_a_report_are_measured() -> None:
     """A server, a gateway and a referee for three simulated seconds, and a study of four people."""
     figures = {one.name: one for one in trial_figures(Plan(seconds=3.0))}

@@ -156,6 +156,7 @@ def examined(
     return done.returncode, findings
 
 
+@pytest.mark.slow
 def test_a_taken_port_is_found_with_its_process() -> None:
     """The whole command, and a program beside it that listens: its number, and exit code 1."""
     with socket.create_server(("127.0.0.1", 0)) as listening:
@@ -173,6 +174,7 @@ def test_a_taken_port_is_found_with_its_process() -> None:
     assert "arena" in findings["files/worlds"]["text"]
 
 
+@pytest.mark.slow
 def test_broken_libraries_are_lines_of_the_report(tmp_path: Path) -> None:
     """One kills its process, one raises: each is a problem with a command, all else goes on."""
     (tmp_path / "embreex.py").write_text(f"import os; os.kill(os.getpid(), {signal.SIGKILL:d})\n")

@@ -20,6 +20,8 @@ _FAULTS = all_wire_faults()
 _OPTIONS = {"own": (), "images": (), "raw": ("--image-type", "RAW")}
 """Of the servers that get the faults, by the name of the server that a fault asks for."""
 _FINE = (Verdict.PASS, Verdict.NOT_APPLICABLE)
+_FIRST = {fault.check.rsplit(".", 1)[0]: name for name, fault in reversed(_FAULTS.items())}
+"""The first fault of each group of checks: the others are slow."""
 
 
 def _healthy() -> dict[str, WireFault]:
@@ -55,17 +57,27 @@ def _wanted(fault: WireFault) -> Sequence[Verdict]:
 
 
 @pytest.fixture(scope="module")
-def verdicts() -> Mapping[str, Result]:
-    """Everything judged, one server after the other: each works as hard as it can."""
-    faults = [*_FAULTS.values(), *_healthy().values()]
+def verdicts(request: pytest.FixtureRequest) -> Mapping[str, Result]:
+    """What this run's tests ask for, one server after the other: each works as hard as it can."""
+    here = [item for item in request.session.items if item.path == request.path]
+    called = [item.callspec.params["name"] for item in here if hasattr(item, "callspec")]
+    faults = [_FAULTS[name] for name in called]
+    if any(item.name == test_without_faults_the_same_checks_pass.__name__ for item in here):
+        faults += _healthy().values()
     return {
         fault: result
-        for name in _OPTIONS
+        for name in sorted({one.server for one in faults})
         for fault, result in _judge_on(name, [one for one in faults if one.server == name]).items()
     }
 
 
-@pytest.mark.parametrize("name", list(_FAULTS))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=() if name in _FIRST.values() else pytest.mark.slow)
+        for name in _FAULTS
+    ],
+)
 def test_faults_are_noticed(name: str, verdicts: Mapping[str, Result]) -> None:
     """The check that is meant for a fault fails, for what it has seen itself."""
     result = verdicts[name]
@@ -73,6 +85,7 @@ def test_faults_are_noticed(name: str, verdicts: Mapping[str, Result]) -> None:
     assert "could not be had" not in result.reason
 
 
+@pytest.mark.slow
 def test_without_faults_the_same_checks_pass(verdicts: Mapping[str, Result]) -> None:
     """Behind proxies that change nothing: the checks demand nothing that is not a rule."""
     severities = {check.id: check.severity for check in all_checks()}

@@ -138,21 +138,6 @@ def test_nonsense_is_refused(words: list[str]) -> None:
     assert ended.value.code == 2
 
 
-def test_our_own_server(capsys: pytest.CaptureFixture[str]) -> None:
-    """--self starts our server, judges it in both dialects, and every rule tried is kept."""
-    # What can be told from one look at a standing robot; the whole kit takes two minutes.
-    only = (
-        "control.numbers,control.digits,control.conf.every*,control.conf.ground*,control.geo.s*,"
-        "control.connection.[bnsw]*,control.sensors.[bnt]*,control.status.g*,control.time.[am]*,"
-        "control.init.[op]*,control.input.[cils]*"
-    )
-    assert main(["conformance", "--self", "--only", only]) == 0
-    out = capsys.readouterr().out
-    assert "dialects judged       ut2004, udk" in out
-    assert "\nFAIL" not in out
-    assert " 0 inconclusive" in out
-
-
 def test_last_words() -> None:
     """A server that hangs is ended and tells where each of its threads stands."""
     with OwnServer() as server:
@@ -163,6 +148,7 @@ def test_last_words() -> None:
     assert "usarsim_server/simulation/" in words
 
 
+@pytest.mark.slow
 def test_our_own_server_with_several_classes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -188,6 +174,7 @@ QUICK = (
 SIDES = ("images", "groundtruth", "wireless", "comserver", "truth")
 
 
+@pytest.mark.slow
 def test_our_server_keeps_the_rules() -> None:
     """No rule is broken, none is left open, and with raw pictures none of these is skipped."""
     names = ("image", "groundtruth", "wireless", "comserver", "truth")

@@ -20,6 +20,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 import pytest
+from lanes import slow_but
 from signalled import finished
 from test_e2e_import import level
 
@@ -66,6 +67,7 @@ def _codes(done: subprocess.CompletedProcess[str]) -> dict[int, int]:
     return {int(point): int(code) for _, point, code in rows}
 
 
+@pytest.mark.slow
 class TestImport:
     """An import that ends at any of its steps in the file system."""
 
@@ -200,7 +202,7 @@ class TestRecord:
         client = socket.create_connection(("127.0.0.1", proxy), timeout=HANG)
         return process, client
 
-    @pytest.mark.parametrize("seed", range(4))
+    @pytest.mark.parametrize("seed", slow_but((0).__eq__, range(4)))
     def test_killed_it_keeps_all_that_it_passed_on(
         self, seed: int, echo: int, tmp_path: Path
     ) -> None:
@@ -307,6 +309,7 @@ STAMPS = {
 class TestClock:
     """The time of day is for people to read; nothing goes by it."""
 
+    @pytest.mark.slow
     def test_nothing_asks_for_the_time_of_day(self) -> None:
         """But for the stamps of reports; all else uses clocks that never jump."""
         found = {

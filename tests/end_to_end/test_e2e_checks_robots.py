@@ -176,6 +176,7 @@ def place_xy(point: Vector) -> tuple[float, float]:
     return point[0], point[1]
 
 
+@pytest.mark.slow
 def test_four_robots_for_a_while(stage: Rehearsal, hire: Hire) -> None:
     """Four robots drive and sense for 36 s: nothing is warned of, and what they need does not grow
     (5.5 #122, shortened)."""

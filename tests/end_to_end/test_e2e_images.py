@@ -267,6 +267,7 @@ class TestWorld:
         assert "Traceback" not in server.errors
 
 
+@pytest.mark.slow
 class TestOldClients:
     """Clients that speak only after a picture, and other types and grids."""
 

@@ -160,6 +160,7 @@ def _visit(server: ServerProcess, chance: random.Random) -> ScriptedClient:
     return client
 
 
+@pytest.mark.slow
 def test_robots_come_and_go_for_a_while(tmp_path: Path) -> None:
     """200 visits by up to 12 robots leave no thread, descriptor, robot or lasting memory."""
     chance = random.Random(11)
@@ -197,6 +198,7 @@ LINES = round(8 * SECONDS * 15)
 """Lines of eight robots in that time, at the least."""
 
 
+@pytest.mark.slow
 def test_a_minute_is_the_same_to_the_letter_and_to_the_bit() -> None:
     """Text of all robots and state of the world agree between processes; another seed differs."""
     runs = [(5, SECONDS), (5, SECONDS), (6, 5.0)]

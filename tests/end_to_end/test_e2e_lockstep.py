@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 import pytest
+from lanes import slow_but
 
 from usarsim_server.files import data_directory
 from usarsim_server.testing import ScriptedClient, ServerProcess, eventually
@@ -255,7 +256,7 @@ def complete() -> list[Counter[str]]:
     return [streams(lines) for lines in team_hears("--lockstep")]
 
 
-@pytest.mark.parametrize("speed", ["1", "50", "max"])
+@pytest.mark.parametrize("speed", slow_but("max".__eq__, ["1", "50", "max"]))
 def test_no_report_is_lost(speed: str, complete: list[Counter[str]]) -> None:
     """STA of eight robots comes in its exact period and every sensor as often as it should.
 
@@ -357,7 +358,10 @@ def assert_equal(first: list[list[str]], again: list[list[str]], classes: Sequen
 
 @pytest.mark.parametrize(
     "classes",
-    [REPEATED[start : start + TOGETHER] for start in range(0, len(REPEATED), TOGETHER)],
+    slow_but(
+        lambda classes: "Matilda" in classes,
+        [REPEATED[start : start + TOGETHER] for start in range(0, len(REPEATED), TOGETHER)],
+    ),
     ids=lambda classes: f"{classes[0]}-{classes[-1]}",
 )
 def test_every_kind_repeats(classes: list[str]) -> None:
@@ -365,7 +369,7 @@ def test_every_kind_repeats(classes: list[str]) -> None:
     assert_equal(repeats_play(classes), repeats_play(classes), classes)
 
 
-@pytest.mark.parametrize("count", [1, 16])
+@pytest.mark.parametrize("count", slow_but((1).__eq__, [1, 16]))
 def test_teams_repeat(count: int) -> None:
     """One robot alone, and sixteen of four kinds, among them one that reports every 0.01 s."""
     classes = (("Nao", "P3AT", "P2AT", "Kenaf") * count)[:count]
@@ -385,7 +389,10 @@ def alone(name: str, world: str) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("name", "world"), [("Nao", "empty"), ("P3AT", "arena"), ("Talon", "empty")]
+    ("name", "world"),
+    slow_but(
+        lambda one: one[0] == "Nao", [("Nao", "empty"), ("P3AT", "arena"), ("Talon", "empty")]
+    ),
 )
 def test_the_fastest_world_repeats(name: str, world: str) -> None:
     """Without lockstep, too, if the controller leaves nothing to chance."""

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from lanes import slow_but
 
 from usarsim_bench.hostile.newcomers import QUESTIONS
 from usarsim_server.testing import PATIENCE, ServerProcess
@@ -78,7 +79,7 @@ def until(check: Callable[[], object]) -> None:
         time.sleep(0.1)
 
 
-@pytest.mark.parametrize("name", PORTS)
+@pytest.mark.parametrize("name", slow_but("control".__eq__, PORTS))
 def test_a_crowd_costs_so_much(server: ServerProcess, name: str) -> None:
     """300 connections with half a request at one port: they have the places that it has, little
     memory, so many lines; one more newcomer finds a place all the same, and all is given back."""

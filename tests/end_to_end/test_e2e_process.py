@@ -103,6 +103,7 @@ def test_robots_of_a_user(tmp_path: Path) -> None:
         assert "{Name MyRover}" in client.wait_for("GEO")
 
 
+@pytest.mark.slow
 def test_it_ends_cleanly_with_busy_robots() -> None:
     """A server full of sensing robots ends with code 0: no thread is left inside native code."""
     for _ in range(2):

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from lanes import slow_but
 
 from usarsim_exploration.contract import check
 from usarsim_exploration.environment import Environment
@@ -163,7 +164,9 @@ CHEATS = [
 ]
 
 
-@pytest.mark.parametrize(("cheat", "breach"), CHEATS)
+@pytest.mark.parametrize(
+    ("cheat", "breach"), slow_but(lambda one: one[0] in (Truth, Clock, Talk), CHEATS)
+)
 def test_cheats_are_found(cheat: type[Strategy], breach: str) -> None:
     """EXP-02, E-83: each, and by what it does."""
     Talk.told.clear()
@@ -205,6 +208,7 @@ def test_the_command_names_breaches(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "mine.py:Mine: reads a clock (time.time)" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_what_is_kept_in_another_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A module beside the strategy counts, also one that is imported late; to read it is fine."""
     (tmp_path / "usarsim_told.py").write_text("PLACES = {}\nTURNS = [1, -1]\n")
@@ -231,7 +235,7 @@ def test_an_honest_one_passes() -> None:
     assert check(Nearest()) == []
 
 
-@pytest.mark.parametrize("name", TYPES.names())
+@pytest.mark.parametrize("name", slow_but("frontier".__eq__, TYPES.names()))
 def test_ours_keep_the_contract(name: str) -> None:
     """EXP-02: every strategy that comes along."""
     assert check(TYPES.find(name, "here")(), 8) == []

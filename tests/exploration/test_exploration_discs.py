@@ -66,6 +66,7 @@ def gaps(cycle: Cycle, steps: int) -> list[float]:
     return found
 
 
+@pytest.mark.slow
 def test_robots_go_around_each_other_and_keep_apart() -> None:
     """Two that meet head-on in a hall both arrive, and are never nearer than their width."""
     cycle = cycle_of(hall(), [(15, 30), (85, 30)], [(85, 30), (15, 30)])

@@ -262,6 +262,7 @@ def played() -> tuple[list[str], Run]:
         return [steps_csv(history), agents_csv(history), json.dumps(measure(history))], one
 
 
+@pytest.mark.slow
 def test_a_run_over_the_ports_of_a_server(monkeypatch: pytest.MonkeyPatch) -> None:
     """E-81, E-82, EXP-03, EXP-07, EXP-08, EXP-16: robots of a server, twice the same.
 
@@ -302,6 +303,7 @@ def test_a_run_over_the_ports_of_a_server(monkeypatch: pytest.MonkeyPatch) -> No
     assert played()[0] == texts
 
 
+@pytest.mark.slow
 def test_an_office_is_explored() -> None:
     """E-80: the same strategy code, four P3AT robots, 90 % of 20 m x 15 m within 200 s."""
     tables: dict[str, Any] = {

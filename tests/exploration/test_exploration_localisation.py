@@ -222,6 +222,7 @@ def test_a_scanner_beside_the_middle() -> None:
     assert mounted.scanner == pytest.approx((4.9, 5.2, math.pi / 2))
 
 
+@pytest.mark.slow
 def test_walls_are_drawn_where_they_are() -> None:
     """EXP-16: with noise off no wall that was measured is a cell away from a true one."""
     world = find("lab").environment

@@ -47,7 +47,7 @@ def scenario(folder: Path, name: str, backend: str, base: tuple[float, float] | 
         ("discs", None),
         ("discs", (3.5, 4.5)),
         ("discs", (7.5, 3.0)),
-        ("server", None),
+        pytest.param("server", None, marks=pytest.mark.slow),
     ],
 )
 def test_one_room_at_three_widths_of_a_cell(

@@ -30,6 +30,7 @@ def office(seed: int, *, mresim: bool, strategy: str = "frontier") -> History:
     return run(read(content)).history
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["frontier", "ratio"])
 def test_runs_need_more_steps(strategy: str) -> None:
     """EXP-23: means over seeds, 1.1 times those of the default at least; no share above all."""

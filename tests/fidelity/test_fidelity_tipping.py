@@ -160,6 +160,7 @@ def test_nobody_tips_over_when_it_reverses() -> None:
     assert everyone.tipped() == {}
 
 
+@pytest.mark.slow
 def test_nobody_tips_over_head_on() -> None:
     """Two robots of similar size that meet at full speed, and go on pushing, stay upright."""
     meetings = [

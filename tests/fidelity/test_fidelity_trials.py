@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 
 import pytest
+from lanes import SLOW
 
 from usarsim_bench.fidelity import theory, worlds
 from usarsim_bench.fidelity.fidelity import TIMESTEPS
@@ -39,17 +40,27 @@ def timesteps(trial: Trial, robot: str) -> tuple[float, ...]:
     return (STEP, 0.002) if tests & {"V4", "V17", "V18"} else (STEP,)
 
 
+def named(number: int, trial: Trial, robot: str) -> str:
+    """What a trial of a robot is called."""
+    return f"{number}-{'-'.join(trial.tests)}-{robot}"
+
+
 @pytest.mark.parametrize(
-    ("trial", "robot"),
+    ("trial", "robot", "steps"),
     [
-        pytest.param(trial, robot, id=f"{number}-{'-'.join(trial.tests)}-{robot}")
+        pytest.param(trial, trial.robots[0], (STEP,), id=named(number, trial, trial.robots[0]))
+        for number, trial in enumerate(TRIALS)
+    ]
+    + [
+        pytest.param(trial, robot, steps, id=f"{named(number, trial, robot)}-all", marks=SLOW)
         for number, trial in enumerate(TRIALS)
         for robot in trial.robots
+        if (steps := timesteps(trial, robot)) != (STEP,) or robot != trial.robots[0]
     ],
 )
-def test_trial(shop: Workshop, trial: Trial, robot: str) -> None:
+def test_trial(shop: Workshop, trial: Trial, robot: str, steps: tuple[float, ...]) -> None:
     """Every quantity lies in its band."""
-    for result in trial.run(shop, robot, timesteps(trial, robot)):
+    for result in trial.run(shop, robot, steps):
         assert result.passed, (result.quantity, result.timestep, result.value)
 
 
@@ -146,6 +157,7 @@ def stair_lane(shop: Workshop, name: str, belts: float | None = None) -> Lane:
     return Lane(robot, top if belts is None else belts / robot.driven_wheels[0].radius, angles)
 
 
+@pytest.mark.slow
 def test_all_classes_on_stairs(shop: Workshop) -> None:
     """#57, V21: four classes climb six steps at 0.3 m/s and at their top speed; the others are
     stopped by the first one, and none turns over."""

@@ -379,6 +379,7 @@ def test_holes_of_a_picture(tmp_path: Path, name: str) -> None:
     assert scene.objects[0].parts[0].shape.uvs is not None
 
 
+@pytest.mark.slow
 def test_networks_without_an_end(tmp_path: Path) -> None:
     """Shaders that feed each other, or themselves, end somewhere."""
     loop = known(

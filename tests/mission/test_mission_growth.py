@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 
 import psutil
+import pytest
 
 from usarsim_mission.match.team import DEMO
 from usarsim_mission.match.trial import Conditions, Trial
@@ -32,6 +33,7 @@ position = [3.0, 1.0, 0.12]
 """
 
 
+@pytest.mark.slow
 def test_trials_leave_nothing_behind(tmp_path: Path) -> None:
     """No object, no descriptor, no thread and no memory of a trial is there after the next one."""
     process = psutil.Process()

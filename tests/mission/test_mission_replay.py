@@ -18,7 +18,7 @@ import pytest
 aiohttp = pytest.importorskip("aiohttp")
 
 from usarsim_mission.commands.replay import run as replay_command  # noqa: E402
-from usarsim_mission.errors import RunLogError  # noqa: E402
+from usarsim_mission.errors import MissionError, RunLogError  # noqa: E402
 from usarsim_mission.match.conditions import Conditions  # noqa: E402
 from usarsim_mission.match.replaying import differences, read_logged, replay  # noqa: E402
 from usarsim_mission.match.team import Team  # noqa: E402
@@ -244,6 +244,7 @@ def test_the_score_that_pages_show_is_that_of_the_log(runs: list[tuple[Path, Per
         assert len({one["mission"]["score"] for one in known}) >= 2
 
 
+@pytest.mark.slow
 def test_inputs_of_five_people_give_the_same_again(runs: list[tuple[Path, Person]]) -> None:
     """HRI-09: what robots are told, all coordinates and velocities (digest), verdicts, measures;
     also where an experimenter made a robot fail, or ended the trial."""
@@ -300,3 +301,9 @@ def test_a_run_of_programs_is_not_replayed(played: Path) -> None:
     """Their own clocks decided what they said when."""
     with pytest.raises(RunLogError, match="was not in lockstep"):
         read_logged(played)
+
+
+def test_a_policy_that_there_is_not(tmp_path: Path) -> None:
+    """It is refused before the log is read."""
+    with pytest.raises(MissionError, match=r"--unattended: 'serch' is not known .*'search'"):
+        asyncio.run(replay(tmp_path / "no-run", tmp_path / "again", unattended="serch"))

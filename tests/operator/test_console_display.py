@@ -330,6 +330,7 @@ def test_what_is_needed_now_and_then(rig: Rig) -> None:
     page.click("[data-more] summary")
 
 
+@pytest.mark.slow
 def test_each_of_sixteen_pictures_is_of_the_right_robot(rig: Rig) -> None:
     """O-20: twelve robots more, by a page's wish."""
     more = [{"type": "spawn", "class": "P3AT", "name": f"R{n}", "start": f"Stall{n}"}

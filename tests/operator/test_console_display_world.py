@@ -111,6 +111,7 @@ RECORD = """() => { const seen = (window.seen = []); const last = {};
   }, 15); }"""
 
 
+@pytest.mark.slow
 def test_meshes_are_where_robots_are(rig: Rig) -> None:
     """CON-06: 60 s of driving over a hill, robots joined and left: below 5 mm and half a degree.
 
@@ -240,6 +241,7 @@ def errors(seen: list[dict[str, Any]], rows: list[Pose]) -> NDArray[np.float64]:
     return np.array(found)
 
 
+@pytest.mark.slow
 def test_view_that_takes_too_long_draws_less(browser: Any) -> None:
     """CON-08: frames of more than 100 ms make the view smaller, then rare; input goes on."""
     slow = """() => { const g = WebGL2RenderingContext.prototype; const plain = g.flush;

@@ -20,6 +20,8 @@ HEIGHTS = (320, 480, 768, 1180)
 ZOOMED = ((1120, 640), (1093, 614), (1024, 640), (960, 540), (853, 533))
 """Windows of laptops whose pages are shown at 125 to 200 %."""
 SIZES = [(width, height) for width in WIDTHS for height in HEIGHTS] + [*ZOOMED, (3840, 2160)]
+FEW = [(320, 480), (853, 533), (1024, 768), (1920, 1180)]
+"""A phone, a laptop's window that is zoomed, a tablet, a large screen: the other sizes are slow."""
 DEVICES: dict[str, dict[str, Any]] = {
     "mouse": {},
     "touch": {"has_touch": True, "is_mobile": True},
@@ -121,10 +123,13 @@ def _wrong(page: Any) -> list[str]:
     return found
 
 
+@pytest.mark.parametrize(
+    "sizes", [pytest.param(FEW, id="few"), pytest.param(SIZES, id="all", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("role", ROLES)
 def test_stop_is_seen_and_nothing_lies_on_anything(
-    browser: Any, played: Played, role: str, device: str
+    browser: Any, played: Played, role: str, device: str, sizes: list[tuple[int, int]]
 ) -> None:
     """On every screen, in every role, by mouse and touch: with alarms, with all robots stopped and
     a question open, and with a dialog open, which may lie on all but Stop."""
@@ -135,7 +140,7 @@ def test_stop_is_seen_and_nothing_lies_on_anything(
             if state == "stopped":
                 played.gateway.stopped = True
                 page.wait_for_selector("[data-stopped]")
-            for width, height in SIZES:
+            for width, height in sizes:
                 if device == "touch" and width > 1366:
                     continue
                 page.set_viewport_size({"width": width, "height": height})

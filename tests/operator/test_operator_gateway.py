@@ -64,6 +64,7 @@ async def _standing(page: PageProgram, robot: str) -> float:
         await page.until(lambda now=now: page.state["time"] >= now + 0.25)
 
 
+@pytest.mark.slow
 async def test_wheel_powers_reach_the_robot(ports: Ports) -> None:
     """O-13: both forward drives straight; O-17: the change of wheels is told."""
     async with gateway(ports["control"]) as console:
@@ -81,6 +82,7 @@ async def test_wheel_powers_reach_the_robot(ports: Ports) -> None:
             assert await page.text(lambda one: one.get("kind") == "wheel" and one["value"] == 0.5)
 
 
+@pytest.mark.slow
 async def test_timed_moves_end_where_they_should(ports: Ports) -> None:
     """O-14: turns within 1 degree, ways within 2 cm. O-15: a drive aborts them."""
     async with gateway(ports["control"]) as console, console.page() as page:

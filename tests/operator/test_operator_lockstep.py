@@ -158,6 +158,7 @@ def again(session: Session) -> Session:
         return asyncio.run(replay(settings(server), session))
 
 
+@pytest.mark.slow
 def test_a_minute_is_the_same_whenever_it_is_replayed(server: ServerProcess) -> None:
     """HRI-09, O-55: robots are told the same bytes at the same ticks, and the world (digest of all
     coordinates and velocities) ends the same to the last bit; one input at another tick: not."""

@@ -72,6 +72,7 @@ async def settled(assembly: Assembly, console: Gateway) -> dict[str, int]:
     return looks[0]
 
 
+@pytest.mark.slow
 async def test_twenty_scenarios_leave_nothing() -> None:
     """O-26: four robots with cameras and lasers come and go 20 times."""
     ports = {"image_port": 0, "scene_port": 0, "wireless_port": 0}

@@ -18,6 +18,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import pytest
+from lanes import slow_but
 from robot_files import number
 
 from usarsim_server.files import data_directory
@@ -34,6 +35,8 @@ CLASSES = (
     *("UnitLoader", "ForkLift", "Hummer", "SnowStorm", "Sedan", "Cooper", "Submarine", "AirRobot"),
     *("Passarola", "ERS", "QRIO", "Soryu", "Kurt2D", "Kurt3D", "Lisa", "kenaf"),
 )
+FAMILIES = ("P2AT", "OmniP2AT", "Talon", "Sedan", "Submarine", "AirRobot", "ERS", "Soryu")
+"""One class of each family: the others are slow."""
 LISTED = {name.lower() for name in CLASSES}
 OTHERS = tuple(
     robot.name
@@ -89,12 +92,13 @@ def fallen(yard: Rehearsal, vehicle: Vehicle) -> list[float]:
     return heights
 
 
-@pytest.mark.parametrize("name", CLASSES)
+@pytest.mark.parametrize("name", slow_but(FAMILIES.__contains__, CLASSES))
 def test_spawned_from_above_it_settles(yard: Rehearsal, client: RehearsedClient, name: str) -> None:
     """It appears, falls, does not leap, and stands where it fell (checks 1, 2, 17, 62)."""
     settles(yard, client, name, HEIGHTS[CLASSES.index(name) % len(HEIGHTS)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OTHERS)
 def test_all_others_settle_too(yard: Rehearsal, client: RehearsedClient, name: str) -> None:
     """A metre above its rest height every other class does the same (checks 1, 17, 62)."""
@@ -270,6 +274,7 @@ def tolerance(robot: RobotDescription) -> float:
     return 0.10 if robot.kind == "tracked" else 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STRAIGHT)
 def test_speed_is_radius_times_limit(drivers: dict[str, Driver], name: str) -> None:
     """MaxSpeed of CONF times WheelRadius of GEO is the speed of a class, and what is beyond the
@@ -280,6 +285,7 @@ def test_speed_is_radius_times_limit(drivers: dict[str, Driver], name: str) -> N
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STRAIGHT)
 def test_odometry_is_the_way(drivers: dict[str, Driver], name: str) -> None:
     """Odometry of a straight way is its length (robots check 79); only some classes have one."""
@@ -290,6 +296,7 @@ def test_odometry_is_the_way(drivers: dict[str, Driver], name: str) -> None:
         assert driver.measured["odometry"] == pytest.approx(1.0, rel=tolerance(driver.robot))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TURNING)
 def test_turns_are_those_of_the_separation(drivers: dict[str, Driver], name: str) -> None:
     """With two driven wheels the turn is (Left - Right) radius / separation, in truth and in

@@ -16,6 +16,8 @@ from robot_files import kind as kind_of
 from usarsim_server.testing import Rehearsal
 from usarsim_server.testing.sharing import shipped_robots
 
+pytestmark = pytest.mark.slow
+
 CLASSES = shipped_robots().names()
 ITEM_TYPES = ("Actuator", "MisPkg", "Gripper", "ToolChanger", "VacuumGripper", "Camera")
 SPACING = 9.0

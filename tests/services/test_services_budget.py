@@ -89,6 +89,7 @@ def crowd(budget: WorkBudget, clock: Clock) -> list[float]:
     return turns
 
 
+@pytest.mark.slow
 async def test_thirty_who_insist_get_the_share_and_no_more() -> None:
     """In ten seconds all together use what is theirs, what was saved up, and one turn."""
     clock = Clock()
@@ -190,6 +191,7 @@ async def test_a_port_waits_while_the_world_is_behind() -> None:
     assert len(turns) * (0.001 + TURN_COST) <= 10 * SHARE * LEAST + BURST + 0.002
 
 
+@pytest.mark.slow
 async def test_a_newcomer_does_not_wait_for_a_crowd() -> None:
     """Who comes while thirty insist has his first answer after one turn of theirs or two."""
     clock = Clock()

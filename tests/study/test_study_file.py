@@ -62,6 +62,12 @@ WRONG = {
         "line 50: [[form]] 1 (before): [[item]] 2 (hand): [[choice]] 1 (left): colour",
         "known keys",
     ),
+    "unknown policy": (
+        'device = "gamepad"',
+        'device = "gamepad"\nunattended = "serch"',
+        "line 16: [[condition]] 2 (gamepad): unattended: 'serch'",
+        "did you mean 'search'",
+    ),
     "unknown measure": ('"tlx_raw"', '"tlx_row"', "line 5: secondary: 'tlx_row'", "'tlx_raw'"),
     "measure twice": ('"tlx_raw"', '"victims_credited"', "line 5", "once"),
     "path": ("path_length = 62.0", "path_length = 67.0", "line 26: [[layout]] 2 (B)", "by 10 %"),

@@ -191,6 +191,7 @@ class TestDesigns:
         assert "nan" not in text
 
 
+@pytest.mark.slow
 def test_forty_participants_cost_little(tmp_path: Path) -> None:
     """Less than 20 s of processor, logs read included."""
     folder = make_study(tmp_path, Plan(40, effect=0.5))

@@ -126,6 +126,7 @@ async def begin(page: Seat) -> None:
     await page.fill_in("experience", games=3)
 
 
+@pytest.mark.slow
 def test_a_session_that_is_cut_off_everywhere(tmp_path: Path) -> None:
     """O-45, HRI-17, HRI-18, HRI-16: the server is killed in one trial, the desk in another; both
     are void with a reason, repeated, and flagged. The experimenter ends the last one (O-44), which
@@ -291,6 +292,7 @@ def test_a_trial_waits_until_its_operator_is_ready(tmp_path: Path) -> None:
     assert again["values"]["LO"] == 0.0
 
 
+@pytest.mark.slow
 def test_two_operators_train_and_share(tmp_path: Path) -> None:
     """HRI-19, HRI-05: both train until the criterion, one log has both, what each did adds up to
     what the team did; one alone drives where the condition says so. Nothing names a condition."""

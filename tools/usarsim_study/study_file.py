@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+from usarsim_mission.scenario.policies import PRESENT_POLICIES, read_policy
 from usarsim_server.errors import at
 from usarsim_server.fields import field
 from usarsim_server.files import is_folder, is_regular
@@ -65,6 +66,10 @@ def _misread(name: str, taken: str) -> tuple[str, str]:
     return problem, "choose another name, such as one that says what it is"
 
 
+def _unattended(table: Table, key: str) -> str:
+    return "mission" if table.text(key) == "mission" else read_policy(table, key)
+
+
 @dataclass(frozen=True, slots=True)
 class Condition:
     """One of the things that are compared."""
@@ -81,8 +86,11 @@ class Condition:
     robots: int | None = field(
         default=None, low=1, high=64, help="the first so many robots of the mission; default all"
     )
-    unattended: Literal["mission", "stop", "hold", "patrol", "explore"] = field(
-        default="mission", help="what robots do that nobody drives; `mission`: as its file says"
+    unattended: str = field(
+        default="mission",
+        parse=_unattended,
+        expects=f"mission, {', '.join(PRESENT_POLICIES)}, or a policy of a package",
+        help="what robots do that nobody drives; `mission`: as its file says",
     )
     impair: str = field(default="", help="file with the links' delay, jitter, loss, bandwidth")
     operators: Literal["one", "pooled", "split"] = field(

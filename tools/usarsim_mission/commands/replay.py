@@ -32,8 +32,9 @@ def add_parser(subparsers: Subparsers) -> None:
     )
     parser.add_argument(
         "--unattended",
-        choices=("stop", "hold", "patrol", "explore"),
-        help="what robots did that nobody drove, of such a run, if its condition says it",
+        metavar="POLICY",
+        help="what robots did that nobody drove, of such a run, if its condition says it: stop, "
+        "hold, patrol, explore, search or a policy of a package",
     )
     parser.add_argument(
         "--robots", metavar="DIR", type=Path, action="append", default=[],

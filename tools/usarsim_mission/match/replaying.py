@@ -23,10 +23,12 @@ from usarsim_mission.match.team import Team
 from usarsim_mission.match.trial import Trial
 from usarsim_mission.records import DERIVED, Record
 from usarsim_mission.runlog import MISSION, SCORING, RunFolder
+from usarsim_mission.scenario.policies import policies
 from usarsim_mission.scenario.reader import parse_scenario
 from usarsim_mission.scenario.resolving import stage
 from usarsim_operator.replay import Player, Said
 from usarsim_server.errors import at
+from usarsim_server.tables import suggest
 from usarsim_server.toml import read_text
 
 _BY_REFEREE = ("time", "all_found")
@@ -131,6 +133,9 @@ def _again(
     device: str | None,
     unattended: str | None,
 ) -> _Again:
+    if unattended is not None and unattended not in policies():
+        cure = suggest(unattended, policies())
+        raise MissionError(at("--unattended", f"{unattended!r} is not known", cure))
     folder = folder.absolute()
     then = read_logged(folder)
     session = then.session

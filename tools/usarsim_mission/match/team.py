@@ -9,7 +9,7 @@ from typing import Literal
 
 from usarsim_mission.errors import MissionError
 from usarsim_mission.match.synthetic import Skill
-from usarsim_mission.scenario.description import PRESENT_POLICIES, read_policy
+from usarsim_mission.scenario.policies import PRESENT_POLICIES, read_policy
 from usarsim_mission.scenario.staging import Robot
 from usarsim_server.errors import at
 from usarsim_server.fields import field

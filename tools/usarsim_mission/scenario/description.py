@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field as plain
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Literal
 
 from usarsim_mission.errors import MissionError
+from usarsim_mission.scenario.policies import PRESENT_POLICIES, read_policy
 from usarsim_server.fields import field
 from usarsim_server.tables import Table, Vector, suggest
 from usarsim_server.worlds.description import POSTURES
@@ -20,27 +20,10 @@ from usarsim_server.worlds.polygons import Corner, read_corners, read_polygon
 
 SCHEMA = "usar-mission/1"
 
-PRESENT_POLICIES = ("stop", "hold", "patrol", "explore", "search")
-"""Of the console; packages add theirs by this group of entry points."""
-POLICY_GROUP = "usarsim.policies"
-
 REVEALS = ("clock", "score", "found")
 PURPOSES = ("victims", "server", "radio", "video")
 """What seeds are drawn for."""
 NOWHERE = Table({}, "mission", MissionError)
-
-
-def policies() -> tuple[str, ...]:
-    """What robots may do while nobody drives them."""
-    return (*PRESENT_POLICIES, *sorted(one.name for one in entry_points(group=POLICY_GROUP)))
-
-
-def read_policy(table: Table, key: str) -> str:
-    """The name of a policy that there is."""
-    word = table.text(key)
-    if word not in PRESENT_POLICIES and word not in policies():  # to look for those takes 15 ms
-        raise table.error(key, f"{word!r} is not known", suggest(word, policies()))
-    return word
 
 
 def _route(table: Table, key: str) -> tuple[Corner, ...]:
