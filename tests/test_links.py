@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from usarsim_batch.errors import BatchError
+from usarsim_batch.folder import Folder
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.reporting.runs import read as read_runs
 from usarsim_exploration.run_folder import load_run
@@ -18,6 +20,7 @@ from usarsim_server.errors import UsarsimError, WorldError
 from usarsim_server.files import check_links, data_directory
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
+from usarsim_study.synthetic import Plan, make_study
 
 TOLD = "is a link that leads out of its folder"
 
@@ -89,6 +92,34 @@ def test_runs_of_explorations(tmp_path: Path) -> None:
     for read in (lambda: load_run(run, code=False), lambda: read_runs([run])):
         with pytest.raises(ExplorationError, match=rf"scenario\.toml: {TOLD}"):
             read()
+
+
+def test_folders_of_batches(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Neither those that are compared nor those in which a batch goes on."""
+    (tmp_path / "sent" / "runs").mkdir(parents=True)
+    (tmp_path / "secret").write_text('{"row": {"secret": 1}, "timing": {}}')
+    (tmp_path / "sent" / "runs" / "a.json").symlink_to(tmp_path / "secret")
+    assert main(["sweep", "diff", *[str(tmp_path / "sent")] * 2]) == 2
+    assert rf"a.json: {TOLD}" in capsys.readouterr().err
+    with pytest.raises(BatchError, match=rf"a\.json: {TOLD}"):
+        Folder(tmp_path / "sent", "test/1", {})
+
+
+@pytest.mark.parametrize("command", ["report", "export", "forget"])
+def test_folders_of_studies(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing outside is told, and nothing outside is removed with a participant."""
+    folder = make_study(tmp_path / "study", Plan(4))
+    one = folder.participants()[0]
+    place = folder.place(one.code)
+    place.rename(tmp_path / "elsewhere")
+    place.symlink_to(tmp_path / "elsewhere")
+    kept = sorted((tmp_path / "elsewhere").rglob("*"))
+    code = [one.code] if command == "forget" else []
+    assert main(["study", command, str(tmp_path / "study"), *code]) == 2
+    assert f"{one.code}: {TOLD}" in capsys.readouterr().err
+    assert sorted((tmp_path / "elsewhere").rglob("*")) == kept
 
 
 def test_links_within_a_folder_are_let_be(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import errno
+import fcntl
 import os
 import secrets
 import shutil
@@ -164,6 +165,25 @@ def check_links(folder: Path, error: type[UsarsimError]) -> None:
             path = Path(parent, name)
             if path.is_symlink() and not inside.admit(path):
                 raise error(at(path, "is a link that leads out of its folder", COPY))
+
+
+@contextlib.contextmanager
+def held(folder: Path) -> Iterator[bool]:
+    """Hold a folder; whether no other program does.
+
+    The system lets it go with this program, however that ends.
+
+    Raises:
+        OSError: it cannot be held.
+    """
+    file = os.open(folder / ".held", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield True
+    except BlockingIOError:
+        yield False
+    finally:
+        os.close(file)
 
 
 def _real(path: Path | str) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import cast
 
@@ -92,8 +93,12 @@ def open_toml(path: Path, error: type[UsarsimError], entry: str = "name") -> Lin
     return LinedTable.top(content, path, error, lambda: key_lines(text))
 
 
-def key_lines(text: str) -> dict[Place, int]:
-    """The line, from 1, of each key and each table header of a valid TOML file."""
+@lru_cache(maxsize=1)
+def key_lines(text: str) -> Mapping[Place, int]:
+    """The line, from 1, of each key and each table header of a valid TOML file.
+
+    Kept for the next error of the same file: those who tell all of its errors ask once for each.
+    """
     found: dict[Place, int] = {}
     counts: dict[Place, int] = {}
     table: Place = ()

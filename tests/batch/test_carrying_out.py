@@ -20,8 +20,10 @@ from batch_tasks import Told, play
 from usarsim_batch import folder as folders
 from usarsim_batch.carry_out import add_options, carry_out
 from usarsim_batch.engines import Engine, Here, Local
+from usarsim_batch.errors import BatchError
 from usarsim_batch.folder import Folder
 from usarsim_batch.worker import Limits
+from usarsim_server.files import held
 
 COORDINATOR = """\
 import sys
@@ -120,6 +122,29 @@ def test_a_full_disk(
     assert "2 of 4 runs are there" in capsys.readouterr().err
     rows = json.loads((tmp_path / "result.json").read_text())["runs"]
     assert not any("error" in row for row in rows)
+
+
+def test_another_one_plays_them(tmp_path: Path) -> None:
+    """Two commands at once would write into the same files; the second one says so, and finds what
+    there is when the first has ended."""
+    Folder(tmp_path, "test/1", {"tasks": 1})
+    with (
+        held(tmp_path),
+        pytest.raises(BatchError, match=r"another command plays these runs \(wait"),
+    ):
+        played_batch(tmp_path, [Told("a")], Here())
+    assert played_batch(tmp_path, [Told("a")], Here()) == 0
+
+
+def test_a_damaged_run_is_played_again(tmp_path: Path) -> None:
+    """Whatever stands in its file."""
+    assert played_batch(tmp_path, [Told("a")], Here()) == 0
+    (kept,) = (tmp_path / "runs").glob("*.json")
+    whole = kept.read_text()
+    for text in ("[" * 100_000, '{"row": 1, "timing": {}}', "null", whole[:9], ""):
+        kept.write_text(text)
+        assert played_batch(tmp_path, [Told("a")], Here()) == 0
+        assert json.loads(kept.read_text())["row"] == json.loads(whole)["row"]
 
 
 def main() -> None:

@@ -48,6 +48,7 @@ def test_long_lines(client: ScriptedClient) -> None:
     _alive(client)
 
 
+@pytest.mark.slow
 def test_a_flood_of_unterminated_bytes_keeps_memory_bounded(
     server: ServerProcess, connect: Connect
 ) -> None:

@@ -140,6 +140,7 @@ def synced(syncs: list[str], at_once: bool) -> list[str]:
         return [line for line in heard if not line.startswith(TICK)]
 
 
+@pytest.mark.slow
 def test_no_line_is_lost_however_far_ahead_a_client_has_synced() -> None:
     """One by one, five or twenty ticks at once, and all in advance: the same lines."""
     usual = synced(["SYNC"] * 40, at_once=False)

@@ -12,7 +12,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from lanes import slow_but
 
 from usarsim_exploration.contract import check
 from usarsim_exploration.environment import Environment
@@ -149,6 +148,16 @@ class Jump(Mover):
         return True
 
 
+@pytest.fixture(autouse=True)
+def _alone_in_the_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other tests of this folder, which count as files of a strategy, would be looked through."""
+    here = Path(__file__).parent
+    for name, module in list(sys.modules.items()):
+        file = getattr(module, "__file__", None)
+        if file is not None and Path(file).parent == here and name != __name__:
+            monkeypatch.delitem(sys.modules, name)
+
+
 CHEATS = [
     (Truth, "looks into the interpreter (gc.get_objects)"),
     (Clock, "reads a clock (time.perf_counter_ns)"),
@@ -164,9 +173,7 @@ CHEATS = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("cheat", "breach"), slow_but(lambda one: one[0] in (Truth, Clock, Talk), CHEATS)
-)
+@pytest.mark.parametrize(("cheat", "breach"), CHEATS)
 def test_cheats_are_found(cheat: type[Strategy], breach: str) -> None:
     """EXP-02, E-83: each, and by what it does."""
     Talk.told.clear()
@@ -208,7 +215,6 @@ def test_the_command_names_breaches(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "mine.py:Mine: reads a clock (time.time)" in capsys.readouterr().out
 
 
-@pytest.mark.slow
 def test_what_is_kept_in_another_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A module beside the strategy counts, also one that is imported late; to read it is fine."""
     (tmp_path / "usarsim_told.py").write_text("PLACES = {}\nTURNS = [1, -1]\n")
@@ -235,7 +241,7 @@ def test_an_honest_one_passes() -> None:
     assert check(Nearest()) == []
 
 
-@pytest.mark.parametrize("name", slow_but("frontier".__eq__, TYPES.names()))
+@pytest.mark.parametrize("name", TYPES.names())
 def test_ours_keep_the_contract(name: str) -> None:
     """EXP-02: every strategy that comes along."""
     assert check(TYPES.find(name, "here")(), 8) == []

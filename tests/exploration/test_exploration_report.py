@@ -73,7 +73,7 @@ def test_one_page_without_network(told: Path) -> None:
     assert "$_&lt;&amp;" in text
     assert "nan" not in re.findall(r">([^<>]*)<", text)
     assert text.count("critical difference") == 2
-    assert "ValueError: <b>broken</b> in line 3" in (told / "report.md").read_text()
+    assert r"ValueError: \<b>broken\</b> in line 3" in (told / "report.md").read_text()
 
 
 def test_curves_are_means_with_bands(tmp_path: Path) -> None:
@@ -217,6 +217,7 @@ def bench(folder: Path, strategy: str, **team: object) -> Path:
     return folder / strategy
 
 
+@pytest.mark.slow
 def test_batches_of_bench(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """E-76, EXP-20: real results of two batches together, unless their scenarios differ."""
     folders = bench(tmp_path, "frontier"), bench(tmp_path, "ratio")

@@ -104,6 +104,7 @@ def _wait_for(path: Path, text: str, process: subprocess.Popen[str]) -> None:
     raise AssertionError(f"no {text} in {path}")
 
 
+@pytest.mark.slow
 def test_a_batch_is_interrupted_and_goes_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

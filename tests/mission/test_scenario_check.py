@@ -13,13 +13,16 @@ from mission_worlds import MISSION, ROBOT, VICTIM, ZONES, write_mission
 
 from usarsim_mission.grid import FREE, UNKNOWN, WALL
 from usarsim_mission.model import read_world, world_json
+from usarsim_mission.scenario import faults
 from usarsim_mission.scenario.check import findings
+from usarsim_mission.scenario.faults import MOST
 from usarsim_mission.scenario.reader import parse_scenario, read_scenario
 from usarsim_mission.scenario.resolving import stage
 from usarsim_mission.scenario.staging import Staged
 from usarsim_mission.zones import ZoneMap
 from usarsim_operator.impairment import read_plan
 from usarsim_server.cli import main
+from usarsim_server.lined import key_lines
 from usarsim_server.worlds.loader import load_world
 
 PLACE = "[[place]]\nposition = [{}, {}, 0.12]\n"
@@ -162,6 +165,20 @@ def test_what_is_missing_is_one_fault(
         lines = capsys.readouterr().err.splitlines()
         assert len(lines) == len(said) + bool(more), lines
         assert all(any(one in line for line in lines) for one in said), lines
+
+
+def test_of_a_huge_file_fewer_faults_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For each of a hundred faults a million keys were read anew, and their lines looked for."""
+    path = write_mission(tmp_path, ROBOT, VICTIM)
+    text = "".join(f"k{number} = 1\n" for number in range(300)) + path.read_text()
+    path.write_text(text)
+    for most, told in ((MOST, MOST), (7, 7), (0, 1)):
+        monkeypatch.setattr(faults, "MOST_READ", most * len(text))
+        assert main(["mission", "check", str(path)]) == 2
+        assert len(capsys.readouterr().err.splitlines()) == told
+    assert key_lines(text) is key_lines(text)
 
 
 def test_all_findings_are_told(tmp_path: Path) -> None:

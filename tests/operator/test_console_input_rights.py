@@ -308,6 +308,7 @@ async def test_a_viewer_is_offered_nothing_that_it_may_not_do(stage: Stage) -> N
             assert await page.locator("[data-stick]:visible").count() == 0
 
 
+@pytest.mark.slow
 async def test_coming_and_going_leaves_nothing(stage: Stage) -> None:
     """O-26: 20 times gateway, robot and page come and go, and every socket, stream and task is
     gone; the robot's name is free again each time, so its session has ended, too. (Scenarios,

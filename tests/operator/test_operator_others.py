@@ -26,6 +26,7 @@ def ports() -> Iterator[dict[str, int]]:
         yield {name: endpoint.port for name, endpoint in endpoints.items()}
 
 
+@pytest.mark.slow
 async def test_timed_moves_of_a_robot_taken_over(ports: dict[str, int]) -> None:
     """O-14: 90 degrees within 1, 1 m within 2 cm, also of a robot that tells us nothing."""
     async with (

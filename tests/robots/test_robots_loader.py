@@ -15,6 +15,8 @@ from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import BatteryDescription
+from usarsim_server.robots.reading.limbs import MOST_CAMERAS
+from usarsim_server.robots.reading.parts import MOST_ITEMS
 from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.frames import wire_from_pose
 
@@ -437,3 +439,23 @@ def test_a_platform_does_not_become_a_vehicle(tmp_path: Path) -> None:
         load_robot(write(tmp_path, "Cart", {"extends": "Desk", "kind": "differential"}))
     low = load_robot(write(tmp_path, "Low", {"extends": "Desk", "rest_height": 0.2}))
     assert low.rest_height == 0.2
+
+
+def test_costly_lists_are_refused_by_their_entry(tmp_path: Path) -> None:
+    """A sensor that reports more often than any world steps (the physics died of the shortest ones,
+    dividing by them), more sensors or cameras than any robot has: each is one error with a cure."""
+    for interval in (1e-6, 5e-324):
+        told = (
+            r"\[\[sensor\]\] 1 \(Odo\): interval: .* shorter than any step .*write at least 0\.0005"
+        )
+        with pytest.raises(RobotDescriptionError, match=told):
+            load(tmp_path, sensor=[{**SENSOR, "name": "Odo", "interval": interval}])
+    load(tmp_path, sensor=[{**SENSOR, "interval": 0.0005}, {**SENSOR, "name": "B", "interval": 0}])
+    many = [{**SENSOR, "name": f"S{number}"} for number in range(MOST_ITEMS + 1)]
+    with pytest.raises(RobotDescriptionError, match=r"257 \(S256\): is one more than 256 \(mount"):
+        load(tmp_path, sensor=many)
+    assert len(load(tmp_path, sensor=many[:-1]).items) == MOST_ITEMS
+    eyes = [{"name": f"C{number}"} for number in range(MOST_CAMERAS + 1)]
+    with pytest.raises(RobotDescriptionError, match=r"33 \(C32\): is one more than 32 \(mount"):
+        load(tmp_path, camera=eyes)
+    assert len(load(tmp_path, camera=eyes[:-1]).cameras) == MOST_CAMERAS

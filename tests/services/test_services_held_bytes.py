@@ -37,6 +37,9 @@ CLIENTS = 8
 OURS = 300 * 1024
 """Bytes that a test needs for itself."""
 
+MOST = 8 << 20
+"""Bytes sent at most: what throws away a line without an end takes bytes for ever."""
+
 
 class Counting:
     """Bytes that Python has taken since the beginning."""
@@ -63,18 +66,18 @@ def memory() -> Iterator[Counting]:
 
 
 def flood(clients: list[socket.socket], data: bytes, quiet: int = 120) -> None:
-    """Send, and read nothing, until the server has taken nothing at so many tries.
+    """Send, and read nothing, until the server has taken nothing at so many tries, or 8 MiB.
 
     Tries, no time: on a busy machine its thread waits as long as this one.
     """
     for one in clients:
         one.setblocking(False)
-    tries = 0
-    while tries < quiet:
+    tries = sent = 0
+    while tries < quiet and sent < MOST:
         tries += 1
         for one in clients:
             with contextlib.suppress(BlockingIOError, ConnectionError):
-                one.send(data)
+                sent += one.send(data)
                 tries = 0
         time.sleep(0.002)
 

@@ -464,3 +464,19 @@ def touching_distance(yaw: float) -> float:
         engine.occupy(0, 0, pose_at(1.0 - middle, 0.0, RADIUS + 0.05, yaw))
         low, high = (middle, high) if overlap(engine, 0) > 0.0 else (low, middle)
     return high
+
+
+def test_contacts_of_others_are_not_looked_for() -> None:
+    """Those of parked robots with their shelf, and of robots with each other, cost a newcomer
+    nothing: in a crowd they were most of what its place took."""
+    engine = Engine(floor(), PhysicsOptions(), [ROBOT] * 6)
+    for robot in range(3):
+        engine.occupy(robot, robot, pose_at(3.0, 0.0, RADIUS))
+    judge = placement(engine)
+    assert judge.find(engine.snapshot(), 3, pose_at(0.0, 0.0, RADIUS - 0.005))
+    own = engine.world.layouts[3].geoms
+    pairs = judge._data.contact.geom
+    assert len(pairs) > 0
+    assert np.isin(pairs, own).any(axis=1).all()
+    moved = judge.find(engine.snapshot(), 3, pose_at(3.0, 0.0, RADIUS))
+    assert math.dist(moved.position, (3.0, 0.0, RADIUS)) > FRONT

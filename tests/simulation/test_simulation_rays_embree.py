@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import mujoco
 import numpy as np
@@ -59,3 +59,19 @@ def _box() -> np.ndarray:
         "<mujoco><worldbody><geom type='box' size='1 1 1'/></worldbody></mujoco>"
     )
     return triangles(model, 0, np.zeros(3), np.eye(3))
+
+
+def test_the_tree_is_built_without_the_interpreter(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever builds a shape does not keep others from the interpreter, and the tree is there when
+    the scene is asked first."""
+    held: list[bool] = []
+    plain = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+    called = embree._commit(library())
+    assert isinstance(called, plain)  # `PYFUNCTYPE` would keep it
+
+    def commit(_: object) -> Callable[[int | None], None]:
+        return lambda scene: (called(scene), held.append(True))[0]
+
+    monkeypatch.setattr(embree, "_commit", commit)
+    TriangleScene([(0, _box())])
+    assert held == [True]

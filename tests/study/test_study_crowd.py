@@ -104,6 +104,7 @@ def records_of(run: Path) -> list[dict[str, Any]]:
     return sorted((json.loads(line) for line in lines), key=lambda one: one["seq"])
 
 
+@pytest.mark.slow
 def test_a_session_runs_unattended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """O-41: consent, forms, two trials that are driven, a probe in each, the export. O-46: every
     kind of record, and numbers without gaps. O-45: the server of the second trial is killed; the

@@ -16,6 +16,7 @@ from usarsim_study import report, tables
 from usarsim_study.analysis import Analysis, analyse
 from usarsim_study.dataset import collect
 from usarsim_study.folder import StudyFolder
+from usarsim_study.page import Page
 from usarsim_study.plots import forest
 from usarsim_study.svg import COLOURS, picture
 from usarsim_study.synthetic import STUDY, Plan, make_study
@@ -211,3 +212,27 @@ def test_what_a_picture_shows_is_text() -> None:
     svg = picture("p", label, 1.0, 1.0, lambda figure: None)
     assert ElementTree.fromstring(svg).get("aria-label") == label
     assert "<script" not in svg
+
+
+@pytest.mark.parametrize(
+    ("typed", "written"),
+    [
+        ("<img src=//x onerror=a()>", r"\<img src=//x onerror=a()>"),
+        (r"\<b>", r"\\\<b>"),
+        ("![a](http://x/p.png)", r"![a]\(http://x/p.png)"),
+        ("[a][b] and [b]: //x", r"[a]\[b] and [b]\: //x"),
+        ("one\n# two\u2028three", "one # two three"),
+        ("a|b, p < 0.05, [0.1, 0.4]", "a|b, p < 0.05, [0.1, 0.4]"),
+    ],
+)
+def test_what_markdown_shows_is_text(typed: str, written: str) -> None:
+    """Names and reasons that people typed run no tag and load no picture in who shows the report,
+    and begin no line of their own."""
+    page = Page(typed)
+    page.heading(typed)
+    page.paragraph(typed)
+    page.table(["", typed], [["row", typed]])
+    cell = written.replace("|", "\\|")
+    told = [f"# {written}", f"## {written}", written]
+    table = f"|  | {cell} |\n| --- | --- |\n| row | {cell} |"
+    assert page.markdown().split("\n\n") == [*told, f"{table}\n"]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager, nullcontext
+from pathlib import Path
 from typing import Any
 
 from usarsim_batch.engines import SLURM, Engine, Here, find_engine
@@ -15,6 +16,8 @@ from usarsim_batch.progress import Progress
 from usarsim_batch.slurm import MOST, part_of, write_script
 from usarsim_batch.tasks import Played, Run, T, failed
 from usarsim_batch.worker import Limits
+from usarsim_server.errors import at
+from usarsim_server.files import held, reason
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -124,7 +127,10 @@ def carry_out(
         return outcome
     progress = Progress(len(mine), over, arguments.watch)
     try:
-        with closing(engine.play(run, [mine[place] for place in left])) as all_played:
+        with (
+            _alone(folder.folder) if parts == 1 else nullcontext(),
+            closing(engine.play(run, [mine[place] for place in left])) as all_played,
+        ):
             for task, played in all_played:
                 try:
                     folder.keep(task, played)
@@ -141,6 +147,24 @@ def carry_out(
         raise
     progress.clear()
     return outcome
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Nobody else plays the same runs meanwhile, into the same files.
+
+    Raises:
+        BatchError: somebody does.
+    """
+    try:
+        with held(folder) as ours:
+            if not ours:
+                cure = "wait for that one, or name another folder"
+                raise BatchError(at(folder, "another command plays these runs", cure))
+            yield
+    except OSError as error:
+        cure = "give a folder that can be written to"
+        raise BatchError(at(folder, f"cannot be held: {reason(error)}", cure)) from error
 
 
 def _limits(arguments: argparse.Namespace) -> list[str]:

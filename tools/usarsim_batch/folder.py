@@ -14,7 +14,8 @@ from pathlib import Path
 from usarsim_batch.errors import BatchError
 from usarsim_batch.tasks import Played, Task
 from usarsim_server.errors import at
-from usarsim_server.files import read_regular, reason, replacing
+from usarsim_server.files import check_links, read_regular, reason, replacing
+from usarsim_server.protocol.json_text import parse_json
 
 BATCH, RESULT, RUNS = "batch.json", "result.json", "runs"
 _LARGEST = 1 << 30
@@ -35,7 +36,8 @@ class Folder:
             folder: of results. format: of `result.json`. batch: all that is run.
 
         Raises:
-            BatchError: it holds runs of another batch, or cannot be written.
+            BatchError: it holds runs of another batch, cannot be written, or a link in it leads out
+                of it.
         """
         self.folder, self.format, self.batch = folder, format, batch
         told = {"version": version("usarsim-server"), **batch}
@@ -46,11 +48,12 @@ class Folder:
         except OSError as error:
             problem = f"cannot be made: {reason(error)}"
             raise BatchError(at(folder, problem, "give another folder")) from error
+        check_links(folder, BatchError)
         path = folder / BATCH
         if path.exists():
             content = read_json(path, "name another folder, or remove this one")
             before = content if isinstance(content, dict) else {}
-            told = json.loads(text)
+            told = parse_json(text)
             changed = [key for key in {**told, **before} if told.get(key) != before.get(key)]
             if changed:
                 cure = "name another folder, or remove this one"
@@ -97,10 +100,11 @@ def _lines(head: str, rows: Iterable[Mapping[str, object]]) -> Iterator[str]:
 def read_run(path: Path) -> Played | None:
     """What is kept of a run; None if nothing is, or nothing that can be read: it is run again."""
     try:
-        kept = json.loads(read_regular(path))
-        return Played(kept["row"], kept["timing"], kept.get("about", {}))
-    except (OSError, ValueError, KeyError, TypeError):
+        kept = parse_json(read_regular(path))
+        found = Played(kept["row"], kept["timing"], kept.get("about", {}))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
+    return found if all(isinstance(part, dict) for part in found) else None
 
 
 def read_json(path: Path, cure: str) -> object:
@@ -113,11 +117,11 @@ def read_json(path: Path, cure: str) -> object:
         BatchError: it cannot be read, or is no JSON.
     """
     try:
-        return json.loads(read_regular(path, _LARGEST))
+        return parse_json(read_regular(path, _LARGEST))
     except OSError as error:
         problem = f"cannot be read: {reason(error)}"
         raise BatchError(at(path, problem, "check the path and its rights")) from error
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise BatchError(at(path, f"is no JSON: {error}", cure)) from None
 
 

@@ -30,6 +30,7 @@ from usarsim_bench.team import ROBOTS, SETTLE, gather, load_figures
 from usarsim_server.cli import main as usarsim
 from usarsim_server.protocol.commands import interpret
 from usarsim_server.protocol.grammar import Command
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.simulation import BodyHandle
@@ -202,7 +203,7 @@ def measure_latency(plan: Plan) -> Section:
             sent = dict(driver.sent)
             # What was sent last has to arrive before the server ends.
             crowd.run(SETTLE / 2)
-        record = json.loads(file.read_text())
+        record = parse_json(file.read_text())
     total = delays(sent, record["target"])
     if not total:
         raise BenchError("no command reached the wheels")

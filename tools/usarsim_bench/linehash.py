@@ -29,6 +29,7 @@ from usarsim_bench.linehash_play import SESSIONS, Lines, grounds, play
 from usarsim_bench.linehash_yard import EVERY_SENSOR
 from usarsim_bench.server import BenchError, all_classes
 from usarsim_server.errors import UsarsimError
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.toml import read_text
 
 PACKAGES = ("mujoco", "numpy", "embreex")
@@ -85,7 +86,7 @@ class Stored:
             BenchError: if it cannot be read.
         """
         try:
-            content = json.loads(read_text(path, UsarsimError))
+            content = parse_json(read_text(path, UsarsimError))
             return cls(content["environment"], content["hashes"])
         except (UsarsimError, ValueError, KeyError, TypeError) as error:
             raise BenchError(f"{path}: no stored hashes ({error}); store some by --write") from None

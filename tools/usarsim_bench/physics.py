@@ -44,6 +44,7 @@ from usarsim_bench.stepping import (
 from usarsim_bench.swarm import TOGETHER
 from usarsim_bench.team import SETTLE, gather
 from usarsim_server.cli import main as usarsim
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.model import CompiledWorld
 
@@ -244,7 +245,7 @@ def _turns(plan: Plan, robots: int, seconds: float) -> list[Told]:
             gather(crowd, robots, (SCOUT,), TOGETHER)
             crowd.run(SETTLE)
             start, stop = crowd.run(seconds)
-        return within(json.loads(file.read_text()), robots, start, stop)
+        return within(parse_json(file.read_text()), robots, start, stop)
 
 
 def physics_figures(robots: int, turns: Sequence[Told]) -> list[Figure]:

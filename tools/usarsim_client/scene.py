@@ -12,7 +12,6 @@ x forward, y left, z up; metres, seconds of simulated time, quaternions w, x, y,
 from __future__ import annotations
 
 import asyncio
-import json
 import struct
 from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -26,6 +25,7 @@ from usarsim_client.inbox import HangupError, ProtocolError
 from usarsim_client.truth import TruthRow as TruthRow  # part of what this module hands out
 from usarsim_client.truth import truth_row
 from usarsim_server.addresses import bare_host
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.protocol.scene import POSES, VERSION, frames, message
 
 LONGEST = 64 * 1024 * 1024
@@ -136,10 +136,10 @@ class SceneReader:
         try:
             for kind, payload in frames(self._held, LONGEST):
                 if kind == b"J":
-                    found.append(self._message(json.loads(payload)))
+                    found.append(self._message(parse_json(payload)))
                 elif kind == b"P":
                     found.append(_poses(payload))
-        except (ValueError, KeyError, TypeError, RecursionError, struct.error) as error:
+        except (ValueError, KeyError, TypeError, struct.error) as error:
             raise ProtocolError(f"this is no scene port: {error}") from error
         return found
 

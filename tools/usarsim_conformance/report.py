@@ -10,6 +10,7 @@ from datetime import datetime
 from typing import Any
 
 from usarsim_conformance.registry import Check, Result, Severity, Verdict
+from usarsim_server.protocol.json_text import parse_json
 
 _FORMAT = 1
 
@@ -110,7 +111,7 @@ def from_json(text: str) -> Report:
         ValueError: if it is none; says what is missing.
     """
     try:
-        data: dict[str, Any] = json.loads(text)
+        data: dict[str, Any] = parse_json(text)
         if data["format"] != _FORMAT:
             raise ValueError(f"format {data['format']!r}, not {_FORMAT}")
         return Report(

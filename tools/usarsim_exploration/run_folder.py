@@ -25,6 +25,7 @@ from usarsim_exploration.worlds import World
 from usarsim_exploration.worlds.pictures import save_map
 from usarsim_server.errors import at
 from usarsim_server.files import check_links, read_regular, reason, write_bytes, write_text
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.toml import toml_text
 
 FORMAT = "usarsim-explore-run/1"
@@ -174,8 +175,8 @@ def rules_of(folder: Path) -> list[str]:
     Results that carry no number are those of the oldest rules.
     """
     try:
-        told = json.loads(read_regular(folder / RUN))
-    except (OSError, ValueError, RecursionError):
+        told = parse_json(read_regular(folder / RUN))
+    except (OSError, ValueError):
         return []  # not run yet, or damaged: its scenario counts
     older = isinstance(told, dict) and "rules" not in told
     return [f"rules={OLDEST}"] if older else []

@@ -23,6 +23,7 @@ from usarsim_maps.reader import ImportOptions
 from usarsim_server import __version__
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import publish_folder, read_regular
+from usarsim_server.protocol.json_text import parse_json
 
 FORMAT = 6
 """Raise it when the same map would give another world."""
@@ -78,7 +79,7 @@ class ImportCache:
         for place in self._places(key):
             folder = place / name
             try:
-                record = json.loads(read_regular(folder / RECORD, MAX_RECORD))
+                record = parse_json(read_regular(folder / RECORD, MAX_RECORD))
                 if all(_stamp(Path(path)) == stamp for path, stamp in record["files"].items()):
                     os.utime(place)
                     return folder, record

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -20,6 +19,7 @@ from usarsim_mission.referee import Referee
 from usarsim_mission.runlog import EVENTS, RESERVED, TRUTH, RunFolder, RunWriter
 from usarsim_server.errors import at
 from usarsim_server.files import reason
+from usarsim_server.protocol.json_text import parse_json
 
 CUT = "cut.jsonl"
 """What was cut off the logs."""
@@ -103,6 +103,6 @@ def _held(path: Path) -> Iterator[BinaryIO]:
 def _rest(file: BinaryIO, last: int) -> bytes:
     """What stands behind the last record that is kept."""
     for line in file:
-        if not line.endswith(b"\n") or json.loads(line)["seq"] > last:
+        if not line.endswith(b"\n") or parse_json(line)["seq"] > last:
             return line + file.read()
     return b""

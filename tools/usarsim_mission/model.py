@@ -17,6 +17,7 @@ from usarsim_mission.grid import Grid
 from usarsim_server.errors import at
 from usarsim_server.fields import field, keys
 from usarsim_server.files import read_regular, reason
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.tables import Table, Vector, finite
 
 Point = tuple[float, float]
@@ -140,11 +141,11 @@ def read_world(path: Path) -> tuple[Mission, World]:
         MissionError: it cannot be read, or something in it cannot be.
     """
     try:
-        content = json.loads(read_regular(path, MAX_WORLD))
+        content = parse_json(read_regular(path, MAX_WORLD))
     except OSError as error:
         cure = "check the path and its rights"
         raise MissionError(at(path, f"cannot be read: {reason(error)}", cure)) from error
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         cure = "take the file of another run of this mission"
         raise MissionError(at(path, f"is not valid JSON: {error}", cure)) from None
     if not isinstance(content, dict):

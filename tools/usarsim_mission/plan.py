@@ -17,6 +17,7 @@ from usarsim_mission.model import plain
 from usarsim_server.errors import at
 from usarsim_server.fields import field
 from usarsim_server.files import read_regular, reason, write_text
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.tables import Table
 
 PLAN = "batch.json"
@@ -64,13 +65,13 @@ def read_plan(folder: Path) -> Plan | None:
     """
     path = folder / PLAN
     try:
-        content = json.loads(read_regular(path))
+        content = parse_json(read_regular(path))
     except FileNotFoundError:
         return None
     except OSError as error:
         cure = "check its rights"
         raise MissionError(at(path, f"cannot be read: {reason(error)}", cure)) from None
-    except (ValueError, RecursionError):
+    except ValueError:
         content = None
     if not isinstance(content, dict):
         raise MissionError(at(path, "is no plan of a batch", "remove it, or name another folder"))

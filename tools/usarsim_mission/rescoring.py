@@ -14,6 +14,7 @@ from usarsim_mission.referee import Referee
 from usarsim_mission.runlog import SCORE, RunFolder
 from usarsim_server.errors import at
 from usarsim_server.files import read_regular, reason
+from usarsim_server.protocol.json_text import parse_json
 
 _MOST = 20
 """Differences that are told."""
@@ -57,7 +58,7 @@ def rescore(folder: Path) -> Rescored:
             continue
         for left in due:
             differences.append(f"before record {record['seq']}: the log has no {_words(left)}")
-        due = [json.loads(json.dumps(one)) for one in referee.feed(record)]
+        due = [parse_json(json.dumps(one)) for one in referee.feed(record)]
     damage = [f"{name}: the last line is cut off" for name in run.cut]
     if run.missing:
         damage.append(f"{run.missing} records are missing")
@@ -107,11 +108,11 @@ def live_result(path: Path) -> dict[str, Any] | None:
     if not path.exists():
         return None
     try:
-        content = json.loads(read_regular(path))
+        content = parse_json(read_regular(path))
     except OSError as error:
         cure = "check its rights, or remove it"
         raise RunLogError(at(path, f"cannot be read: {reason(error)}", cure)) from error
-    except (ValueError, RecursionError):
+    except ValueError:
         content = None
     if not isinstance(content, dict):
         raise RunLogError(at(path, "is no result", "remove it"))

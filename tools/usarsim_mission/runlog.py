@@ -27,6 +27,7 @@ from usarsim_mission.scoring import Rules, read_rules
 from usarsim_mission.truth_lines import Packer, Thinner, Unpacker
 from usarsim_server.errors import at
 from usarsim_server.files import check_links, open_regular, reason, write_text
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.toml import toml_text
 
 EVENTS, TRUTH = "events.jsonl", "truth.jsonl"
@@ -304,8 +305,8 @@ def _record(line: bytes, unpacker: Unpacker) -> Record | None:
     if not line.endswith(b"\n"):
         return None
     try:
-        record = json.loads(line)
-    except (ValueError, RecursionError):
+        record = parse_json(line)
+    except ValueError:
         return None
     if not isinstance(record, dict) or not isinstance(record.get("kind"), str):
         return None
@@ -324,7 +325,7 @@ def _line(record: Record) -> tuple[bytes, Record]:
         text = json.dumps(record, separators=(",", ":"), allow_nan=False)
     except ValueError:
         text = json.dumps(_finite(record), separators=(",", ":"))
-    return text.encode() + b"\n", json.loads(text)
+    return text.encode() + b"\n", parse_json(text)
 
 
 def _finite(value: Any) -> Any:

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
+from usarsim_server.protocol.json_text import parse_json
+
 ANSWER_TIME = 10.0
 """s of the gateway's clock that a holder has to answer; silence is a no."""
 
@@ -237,7 +239,7 @@ class Arbiter:
 def _left(latch: Path) -> Stop | None:
     """The stop that an earlier gateway left; a file that cannot be understood is one, too."""
     try:
-        fields = json.loads(latch.read_text(encoding="utf-8"))
+        fields = parse_json(latch.read_text(encoding="utf-8"))
         return Stop(str(fields["by"]), float(fields["time"]))
     except FileNotFoundError:
         return None

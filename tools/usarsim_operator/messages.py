@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from typing import Any
 from usarsim_operator import scenarios
 from usarsim_operator.injects import WHOM
 from usarsim_operator.roles import LONGEST
+from usarsim_server.protocol.json_text import parse_json
 
 LATER = object()
 """What a handler of a text returns whose answer comes later."""
@@ -240,8 +240,8 @@ def read(text: str) -> Request:
     if len(text) > LONGEST:
         raise PageError(f"a text has at most {LONGEST} bytes")
     try:
-        message = json.loads(text, parse_constant=_no_constant)
-    except (ValueError, RecursionError):
+        message = parse_json(text, finite=True)
+    except ValueError:
         raise PageError("this is no JSON") from None
     if not isinstance(message, dict):
         raise PageError("this is no JSON object")
@@ -273,7 +273,3 @@ def read(text: str) -> Request:
         if isinstance(value, _Limited)
     ]
     return Request(kind, id, fields, clock, "; ".join(beyond))
-
-
-def _no_constant(name: str) -> float:
-    raise ValueError(name)

@@ -13,6 +13,7 @@ from usarsim_operator.pages import Page
 from usarsim_operator.requests import Desk
 from usarsim_operator.roles import Role
 from usarsim_operator.station import Station
+from usarsim_server.protocol.json_text import parse_json
 
 
 class ProgramPage:
@@ -39,7 +40,7 @@ class ProgramPage:
 
     async def send_str(self, data: str, compress: int | None = None) -> None:
         """Take what the page is told."""
-        said = json.loads(data)
+        said = parse_json(data)
         answer = self._answers.pop(said.get("id") or 0, None)
         if said["type"] == "answer" and answer is not None and not answer.done():
             answer.set_result(said)

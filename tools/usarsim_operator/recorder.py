@@ -22,6 +22,7 @@ from usarsim_operator.recording import Writer
 from usarsim_operator.roles import Role
 from usarsim_server import __version__
 from usarsim_server.logs import Log
+from usarsim_server.protocol.json_text import parse_json
 
 if TYPE_CHECKING:
     from usarsim_client.scene import Present, Scene
@@ -90,8 +91,8 @@ class Recorder(Page):
         said: object = text[:_LONGEST]
         if len(text) <= _LONGEST:
             try:
-                said = json.loads(text)
-            except (ValueError, RecursionError):
+                said = parse_json(text)
+            except ValueError:
                 said = text
         facts = {"page": page.id, "role": page.role.value, "text": said}
         if (lockstep := self._station.lockstep) is not None:

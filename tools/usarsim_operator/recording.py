@@ -25,6 +25,7 @@ from typing import Any, BinaryIO
 from usarsim_operator import packets
 from usarsim_server.errors import UsarsimError, at
 from usarsim_server.private import private
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.protocol.scene import SceneError, frames
 
 FORMAT = 1
@@ -183,7 +184,7 @@ class Recording:
             raise RecordingError(
                 at(self._path, f"cannot be read: {error.strerror}", cure)
             ) from None
-        except (SceneError, ValueError, struct.error, zlib.error, RecursionError) as error:
+        except (SceneError, ValueError, struct.error, zlib.error) as error:
             if not done:
                 cure = "name a file that `usarsim console --record` wrote"
                 raise RecordingError(
@@ -213,7 +214,7 @@ def _entry(kind: bytes, payload: bytes) -> Text | Packet | None:
         data = unpacker.decompress(data, LONGEST)
         if not unpacker.eof:
             raise ValueError("a text is not whole")
-    fields = json.loads(data)
+    fields = parse_json(data)
     if not isinstance(fields, dict):
         raise ValueError("a text is no object")
     return Text(clock, fields)

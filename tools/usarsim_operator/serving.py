@@ -177,14 +177,14 @@ async def served(
     async with gated(pages.app(), host, serving.port, option="--console-port") as port:
         pages.hosts = hosts_of(host, port) | serving.allowed
         shown = f"[{host}]" if ":" in host else host
-        base = f"http://{shown}:{port}/#"
-        urls = {who: base + token for who, token in pages.tokens.all()}
+        base = f"http://{shown}:{port}/"
+        urls = {who: f"{base}#{token}" for who, token in pages.tokens.all()}
         if serving.told is not None:
             serving.told(urls)
         for who, url in urls.items() if serving.told is None else ():
             print(f"CONSOLE {url} {who}", flush=True)
         if serving.browser is not None:
-            station.background(open_browser(base + pages.tokens[serving.browser]))
+            station.background(open_browser(base + pages.path_once(serving.browser)))
         yield
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
+import secrets
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from socket import IPPROTO_TCP, TCP_NOTSENT_LOWAT
@@ -24,6 +25,7 @@ from usarsim_operator.roles import LONGEST, Role, Tokens, foreign
 from usarsim_operator.serving import PAGE
 from usarsim_operator.station import Station
 from usarsim_operator.watchdog import DRIVE_TIME
+from usarsim_server.private import same_user
 
 MOST_PAGES = 64
 """Pages at a time that have said who they are."""
@@ -74,6 +76,8 @@ class Web:
         self.hosts: frozenset[str] = frozenset()
         self.refused = 0
         self._station, self._files = station, files.resolve()
+        self._once: dict[str, str] = {}
+        """Tokens by the codes that a browser may have them for."""
         self._desk = Desk(station)
         self._places: PagePlaces[Page] = PagePlaces(MOST_PAGES, KEPT_PAGES)
 
@@ -83,6 +87,7 @@ class Web:
         app.router.add_get("/socket", self._socket)
         app.router.add_get("/health", self._health)
         app.router.add_get("/scene/{generation}", self._scene)
+        app.router.add_get("/open/{code}", self._open)
         app.router.add_get("/{path:.*}", self._file)
         return app
 
@@ -94,7 +99,8 @@ class Web:
             return web.Response(status=403, text=why, headers=self._headers)
         response = await handler(request)
         if not response.prepared:
-            response.headers.update(self._headers)
+            for name, value in self._headers.items():
+                response.headers.setdefault(name, value)
         return response
 
     @property
@@ -104,6 +110,26 @@ class Web:
             return await self._guard_request(request, handler)
 
         return guard
+
+    # -- a browser of our own -----------------------------------------------------------------
+
+    def path_once(self, role: Role) -> str:
+        """A path that leads a browser of this user to the page of a role, once: all users of the
+        machine see the arguments of a browser that is started."""
+        code = secrets.token_urlsafe(18)
+        self._once[code] = self.tokens[role]
+        return f"open/{code}"
+
+    async def _open(self, request: web.Request) -> web.Response:
+        code, transport = request.match_info["code"], request.transport
+        client = transport.get_extra_info("peername") if transport is not None else None
+        server = transport.get_extra_info("sockname") if transport is not None else None
+        if code not in self._once or not (client and server and same_user(client[1], server[1])):
+            self.refused += 1
+            text = "this address was for one use: open one of those that the console printed"
+            return web.Response(status=403, text=text)
+        place = f"/#{self._once.pop(code)}"
+        return web.Response(status=302, headers={"Location": place, "Cache-Control": "no-store"})
 
     # -- files --------------------------------------------------------------------------------
 

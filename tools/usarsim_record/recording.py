@@ -28,6 +28,7 @@ from typing import Any, BinaryIO
 from usarsim_server.addresses import format_address, split_address
 from usarsim_server.errors import UsarsimError
 from usarsim_server.files import open_regular, reason
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.toml import decoded
 
 FORMAT = 1
@@ -193,7 +194,7 @@ def read(path: Path) -> Recording:
         if not text:
             continue
         try:
-            event = _event(json.loads(text))
+            event = _event(parse_json(text))
             _check(event, known, len(links))
         except (ValueError, KeyError, TypeError, binascii.Error) as error:
             if number == len(texts):
@@ -206,7 +207,7 @@ def read(path: Path) -> Recording:
 
 def _header(path: Path, text: str) -> tuple[tuple[Link, ...], str]:
     try:
-        header = json.loads(text)
+        header = parse_json(text)
         version = header["usarsim_recording"]
         if version != FORMAT:
             raise RecordError(

@@ -29,8 +29,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from usarsim_mission.runlog import EVENTS, SCORE, TRUTH
-from usarsim_server.files import write_text
+from usarsim_server.files import check_links, write_text
 from usarsim_server.private import FOLDER_MODE, private
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.toml import read_text
 from usarsim_study.assignment import ALLOCATION, Order, claim_number, new_code, read_allocation
 from usarsim_study.errors import StudyError
@@ -87,8 +88,9 @@ class StudyFolder:
         """Read the study.
 
         Raises:
-            StudyError: there is none, or it is wrong.
+            StudyError: there is none, it is wrong, or a link in it leads out of it.
         """
+        check_links(path, StudyError)
         self.path = path
         self.study: Study = read_study(path / FILE)
 
@@ -245,10 +247,10 @@ def values_of(folder: Path) -> tuple[list[Value], list[Record]]:
     ]
     stamp = [*sizes, [[one.name, one.definition] for one in MEASURES.values()]]
     try:
-        kept = json.loads((folder / CACHE).read_text(encoding="utf-8"))
+        kept = parse_json((folder / CACHE).read_text(encoding="utf-8"))
         if kept["stamp"] == stamp:
             return [Value(*one) for one in kept["values"]], kept["forms"]
-    except (OSError, ValueError, RecursionError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError):
         pass
     records = read_records(folder)
     score = _read_json(folder / SCORE) if (folder / SCORE).exists() else {}
@@ -310,8 +312,8 @@ def _write_json(path: Path, content: dict[str, Any]) -> None:
 
 def _read_json(path: Path) -> dict[str, Any]:
     try:
-        found = json.loads(read_text(path, StudyError))
-    except (ValueError, RecursionError):
+        found = parse_json(read_text(path, StudyError))
+    except ValueError:
         raise StudyError(f"{path}: is no JSON (restore the file)") from None
     if not isinstance(found, dict):
         raise StudyError(f"{path}: is no JSON object (restore the file)")

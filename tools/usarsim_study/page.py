@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import html
+import re
 from collections.abc import Sequence
 from importlib.resources import files
 
 Rows = Sequence[Sequence[str]]
+
+_MARKUP = re.compile(r"\\|<(?=[A-Za-z/!?])|(?<=\])[(:\[]")
+"""What begins a tag, or makes a link or a picture of what stands in brackets before it."""
 
 
 class Page:
@@ -14,19 +18,19 @@ class Page:
 
     def __init__(self, title: str) -> None:
         self._html: list[str] = []
-        self._markdown: list[str] = [f"# {title}"]
+        self._markdown: list[str] = [f"# {_marked(title)}"]
         self._title = title
 
     def heading(self, text: str) -> None:
         """Begin a section."""
         self._html.append(f"<h2>{html.escape(text)}</h2>")
-        self._markdown.append(f"## {text}")
+        self._markdown.append(f"## {_marked(text)}")
 
     def paragraph(self, text: str, kind: str = "") -> None:
         """A paragraph of plain text; `kind` is its class."""
         attribute = f' class="{kind}"' if kind else ""
         self._html.append(f"<p{attribute}>{html.escape(text)}</p>")
-        self._markdown.append(text)
+        self._markdown.append(_marked(text))
 
     def picture(self, svg: str, caption: str) -> None:
         """A picture, unless it is empty; Markdown tells what it shows."""
@@ -34,7 +38,7 @@ class Page:
             return
         told = html.escape(caption)
         self._html.append(f"<figure>{svg}<figcaption>{told}</figcaption></figure>")
-        self._markdown.append(f"*{caption} (picture in report.html)*")
+        self._markdown.append(f"*{_marked(caption)} (picture in report.html)*")
 
     def table(self, heads: Sequence[str], rows: Rows, kind: str = "") -> None:
         """A table whose first column names the row."""
@@ -50,7 +54,7 @@ class Page:
             f"<div><table{attribute}><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>"
         )
         lines = [heads, ["---"] * len(heads), *rows]
-        escaped = (" | ".join(cell.replace("|", "\\|") for cell in line) for line in lines)
+        escaped = (" | ".join(_marked(cell).replace("|", "\\|") for cell in line) for line in lines)
         self._markdown.append("\n".join(f"| {line} |" for line in escaped))
 
     def html(self) -> str:
@@ -67,3 +71,8 @@ class Page:
     def markdown(self) -> str:
         """The same as Markdown."""
         return "\n\n".join(self._markdown) + "\n"
+
+
+def _marked(text: str) -> str:
+    """A line of text for Markdown, whose readers would run tags and load pictures that it names."""
+    return _MARKUP.sub(r"\\\g<0>", " ".join(text.splitlines()))

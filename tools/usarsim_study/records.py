@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
 
 from usarsim_mission.runlog import RunFolder
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_study.errors import StudyError
 from usarsim_study.trial import Record
 
@@ -46,8 +46,8 @@ def read_lines(path: Path) -> Iterator[Record]:
         raise StudyError(f"{path}: cannot be read: {error.strerror} (check its rights)") from None
     for number, line in enumerate(lines, start=1):
         try:
-            record = json.loads(line)
-        except (ValueError, RecursionError):
+            record = parse_json(line)
+        except ValueError:
             if not line.endswith(b"\n"):
                 return
             record = None
@@ -65,7 +65,7 @@ def last_line(path: Path) -> Record | None:
             while tail.count(b"\n") < 2 and len(tail) < end:
                 file.seek(max(0, end - size))
                 tail, size = file.read(size), size * 8
-        record = json.loads(tail.splitlines()[-1]) if tail.endswith(b"\n") else None
-    except (OSError, ValueError, RecursionError, IndexError):
+        record = parse_json(tail.splitlines()[-1]) if tail.endswith(b"\n") else None
+    except (OSError, ValueError, IndexError):
         return None
     return record if isinstance(record, dict) and "seq" in record else None

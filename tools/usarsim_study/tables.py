@@ -17,6 +17,7 @@ from typing import Any, Literal
 from usarsim_server.csv_files import csv_text, read_csv
 from usarsim_server.errors import at
 from usarsim_server.files import write_text
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.toml import read_text
 from usarsim_study.dataset import (
     AnswerRow,
@@ -137,10 +138,10 @@ def read(folder: Path) -> Dataset:
         StudyError: one is missing or has other columns or values.
     """
     try:
-        package = json.loads(read_text(folder / PACKAGE, StudyError))
+        package = parse_json(read_text(folder / PACKAGE, StudyError))
         about = package["study"]
         known = [one["name"] for one in about["conditions"]]
-    except (ValueError, RecursionError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         raise StudyError(f"{folder / PACKAGE}: is no data of a study (export it again)") from None
     trials = []
     for row in _rows(folder, "trials"):

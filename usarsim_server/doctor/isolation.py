@@ -35,6 +35,7 @@ from typing import Any, TextIO
 
 from usarsim_server.children import python
 from usarsim_server.errors import UsarsimError, problem_and_advice
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.settings import Settings
 
 _WORKER = "usarsim_server.doctor.isolation"
@@ -99,7 +100,7 @@ def _outcomes(names: Sequence[str], written: bytes) -> dict[str, Outcome]:
     found: dict[str, Outcome] = {}
     for line in written.decode(errors="replace").splitlines():
         with contextlib.suppress(ValueError, TypeError):
-            entry = json.loads(line)
+            entry = parse_json(line)
             if isinstance(entry, dict) and entry.get("trial") in names:
                 name = entry.pop("trial")
                 found[name] = Outcome(**entry)

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.protocol.json_text import parse_json
+
 VERSION = 1
 LONGEST = 64 * 1024
 """Bytes of a client's frame behind its length, at most."""
@@ -113,8 +115,8 @@ class FrameReader:
 
 def _object(payload: bytes) -> dict[str, object]:
     try:
-        value = json.loads(payload)
-    except (ValueError, RecursionError):
+        value = parse_json(payload)
+    except ValueError:
         value = None
     if not isinstance(value, dict):
         raise SceneError("a message has to be one JSON object")

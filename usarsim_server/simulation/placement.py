@@ -52,14 +52,18 @@ FOOT = 0.7
 AROUND = 0.5
 """m beyond the robot's reach at which drops are looked for."""
 EIGHT = tuple((math.cos(n * math.pi / 4.0), math.sin(n * math.pi / 4.0)) for n in range(8))
-LOOKED_AROUND = 12.0
-"""m around a place within which geoms are kept for rays up and down."""
+LOOKED_AROUND = 3.0
+"""m around a place within which geoms are kept for rays up and down: all those around one robot,
+and few others."""
 FIT_CLEARANCE = 0.001
 """m above an endless floor that a thing is lifted to."""
 CAPSULE_END = 2.0 / 3.0
 """Radii by which a cylinder is longer than the straight part of a capsule of the same volume."""
 NUDGE = 1e-3
 """m: where two geoms have one centre the distance is measured with one of them moved by this."""
+
+_TRIED = 1
+"""Mask of the bodies that may be in contact with a robot whose place is looked for."""
 
 _log = Log("simulation")
 
@@ -102,7 +106,7 @@ class Placement(_Judge):
         changed = ("body_contype", "body_conaffinity")
         self._model = changeable(world.model, *changed)
         self._model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-        self._model.body_contype[:], self._model.body_conaffinity[:] = world.masks
+        self._solid = (world.masks != 0).any(axis=0)
         # What is only seen (the true surface of a mesh) is no ground to stand on.
         felt = (self._model.geom_contype | self._model.geom_conaffinity) != 0
         self._felt = np.flatnonzero(felt & (self._model.geom_type != int(_PLANE)))
@@ -137,6 +141,7 @@ class Placement(_Judge):
             SpawnError: if the pose is not finite or everything near is full.
         """
         self._near, self._dirty = None, True
+        self._look_for_contacts(snapshot, slot)
         rest_height = self._world.slots[slot].rest_height
         grounded = self.admit(pose, rest_height)
         outside = not self._inside(self._above_floor(pose, rest_height))
@@ -160,6 +165,21 @@ class Placement(_Judge):
                 to=found.position,
             )
         return found
+
+    def _look_for_contacts(self, snapshot: Snapshot, slot: int) -> None:
+        """Look for contacts of one slot with all that is there, not for those of others with each
+        other, and leave out what is parked: bodies offer a mask that the slot alone takes. Geoms
+        have their own masks besides."""
+        parked = {one.slot for one in self._world.layouts}
+        parked -= {slot, *(one.slot for one in snapshot.layouts.values())}
+        offered = np.where(self._solid, _TRIED, 0)
+        for other in parked:
+            offered[[*self._world.layouts[other].bodies]] = 0
+        own = [*self._world.layouts[slot].bodies]
+        self._model.body_conaffinity[:] = 0
+        self._model.body_conaffinity[own] = offered[own]
+        offered[own] = 0
+        self._model.body_contype[:] = offered
 
     def _free_place(self, snapshot: Snapshot, slot: int, pose: Pose) -> Pose | None:
         """The nearest free pose of the same attitude, lifted if need be; None if all is full."""
@@ -351,24 +371,24 @@ class Placement(_Judge):
         model, data = self._model, self._data
         found, met = math.inf, -1
         point, upward = np.array(start), np.array([0.0, 0.0, up])
-        for geom in self._over_and_under(start).tolist():
-            kind = model.geom_type[geom]
+        places, turns, sizes = data.geom_xpos, data.geom_xmat, model.geom_size
+        geoms = self._over_and_under(start)
+        for geom, kind in zip(geoms.tolist(), model.geom_type[geoms].tolist(), strict=True):
             if kind == int(_MESH):
                 way = mujoco.mj_rayMesh(model, data, geom, point, upward, None)
             elif kind == int(_HFIELD):
                 way = mujoco.mj_rayHfield(model, data, geom, point, upward, None)
             else:
-                place, turn = data.geom_xpos[geom], data.geom_xmat[geom]
-                size = model.geom_size[geom]
-                way = mujoco.mju_rayGeom(place, turn, size, point, upward, int(kind), None)
+                shape = places[geom], turns[geom], sizes[geom]
+                way = mujoco.mju_rayGeom(*shape, point, upward, kind, None)
             if 0.0 <= way < found and start[2] + up * way < SHELF_HEIGHT - 100.0:
                 found, met = float(way), geom
         for geom in self._floors.tolist():
-            normal = data.geom_xmat[geom].reshape(3, 3)[:, 2]
+            normal = turns[geom].reshape(3, 3)[:, 2]
             rise = up * float(normal[2])
             if abs(rise) < 1e-9:
                 continue
-            way = float(normal @ (data.geom_xpos[geom] - point)) / rise
+            way = float(normal @ (places[geom] - point)) / rise
             if 0.0 <= way < found:
                 found, met = way, geom
         return found, met

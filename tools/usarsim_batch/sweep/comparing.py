@@ -9,13 +9,14 @@ from usarsim_batch.errors import BatchError
 from usarsim_batch.folder import RUNS, read_run
 from usarsim_batch.tasks import Played, differences
 from usarsim_server.errors import at
+from usarsim_server.files import check_links
 
 
 def compare(one: Path, other: Path) -> int:
     """Tell the runs whose results differ; exit code 1 if any do.
 
     Raises:
-        BatchError: a folder has no runs.
+        BatchError: a folder has no runs, or a link in it leads out of it.
     """
     first, second = _names(one), _names(other)
     differ = 0
@@ -47,6 +48,7 @@ def _plain(played: Played) -> dict[str, object]:
 
 def _names(folder: Path) -> dict[str, Path]:
     """Files of runs, by what the run is called: its parameters and seed, or its key."""
+    check_links(folder, BatchError)
     found = {}
     for path in sorted((folder / RUNS).glob("*.json")):
         played = read_run(path)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-import json
 import re
 import resource
 import shutil
@@ -21,7 +20,9 @@ from usarsim_batch.tasks import Played, failed, provenance
 from usarsim_client.inbox import HangupError
 from usarsim_client.scene import LiveScene, connect_scene
 from usarsim_server.children import python
-from usarsim_server.files import reason
+from usarsim_server.errors import UsarsimError
+from usarsim_server.files import check_links, reason
+from usarsim_server.protocol.json_text import parse_json
 
 RESULT = "result.json"
 """What a controller writes there into `{out}` becomes part of the results."""
@@ -34,7 +35,7 @@ _GRACE = 5.0
 HOST = "127.0.0.1"
 
 
-class _FailedError(Exception):
+class _FailedError(UsarsimError):
     """Why a run has failed."""
 
 
@@ -92,7 +93,7 @@ async def _play(task: SweepTask) -> dict[str, Any]:
 
 async def _serve(task: SweepTask, stack: AsyncExitStack) -> tuple[Process, dict[str, int]]:
     """A server that is ready, and its ports by service."""
-    command = python("-m", "usarsim_server", "serve", f"--host={HOST}", *task.options)
+    command = python("-m", "usarsim_server", "serve", f"--host={HOST}", *task.options, tied=True)
     server = await _start(command, task.folder, task.out / "server.log", stack, PIPE)
     assert server.stdout is not None
     try:
@@ -154,7 +155,8 @@ def _filled(word: str, names: Mapping[str, object]) -> str:
 
 
 def _written(folder: Path) -> dict[str, Any]:
-    """What controllers have left."""
+    """What controllers have left; none of it lies elsewhere."""
+    check_links(folder, _FailedError)
     files = {}
     for path in sorted(one for one in folder.rglob("*") if one.is_file()):
         with path.open("rb") as file:
@@ -164,8 +166,8 @@ def _written(folder: Path) -> dict[str, Any]:
     path = folder / RESULT
     if path.is_file() and path.stat().st_size <= _LARGEST:
         try:
-            found["result"] = json.loads(path.read_bytes())
-        except (ValueError, RecursionError) as error:
+            found["result"] = parse_json(path.read_bytes())
+        except ValueError as error:
             raise _FailedError(f"{path}: is no JSON: {error}") from None
     return found
 

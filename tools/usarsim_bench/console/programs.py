@@ -21,6 +21,7 @@ import aiohttp
 from usarsim_bench.console.arithmetic import Arrival
 from usarsim_bench.console.gateway import Rig
 from usarsim_bench.server import BenchError
+from usarsim_server.protocol.json_text import parse_json
 
 PICTURE, POSES = 1, 4
 """Kinds of binary messages (docs/console-protocol.md)."""
@@ -74,7 +75,7 @@ class PageProgram:
                 elif data[0] == POSES:
                     self.generation = struct.unpack_from("<I", data, 16)[0]
             elif message.type is aiohttp.WSMsgType.TEXT:
-                self._hear(json.loads(message.data))
+                self._hear(parse_json(message.data))
 
     def _hear(self, text: Text) -> None:
         self.counts[0 if text["type"] == "state" else -1] += 1
@@ -286,7 +287,7 @@ class RawPage:
             if payload.startswith(b'{"type":"state"'):
                 now = time.perf_counter()
                 # The gateway's clock and ours are the same.
-                self.states.append((now, now - float(json.loads(payload)["gateway_clock"])))
+                self.states.append((now, now - float(parse_json(payload)["gateway_clock"])))
 
     def close(self) -> None:
         """Hang up."""

@@ -24,6 +24,7 @@ from usarsim_bench.hostile.side_attacks import SIDE_ATTACKS
 from usarsim_bench.hostile.web_attacks import WEB_ATTACKS
 from usarsim_bench.server import BenchError, CarefulClosing
 from usarsim_server.children import python
+from usarsim_server.protocol.json_text import parse_json
 
 ATTACKS: Mapping[str, Attack] = {
     one.name: one for one in (*CONTROL_ATTACKS, *SIDE_ATTACKS, *SCENE_ATTACKS, *WEB_ATTACKS)
@@ -55,7 +56,7 @@ class Attackers(CarefulClosing):
         """
         try:
             said, complaint = self._process.communicate("", _END_TIMEOUT)
-            return Damage(**json.loads(said))
+            return Damage(**parse_json(said))
         except subprocess.TimeoutExpired:
             self.close()
             raise BenchError("the attackers did not end") from None
@@ -101,4 +102,4 @@ def _busy_loop() -> subprocess.Popen[bytes]:
 
 
 if __name__ == "__main__":
-    _main(sys.argv[1], json.loads(sys.argv[2]))
+    _main(sys.argv[1], parse_json(sys.argv[2]))

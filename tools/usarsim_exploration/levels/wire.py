@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.post import Message
 from usarsim_exploration.strategy import Teammate
+from usarsim_server.protocol.json_text import parse_json
 
 _BITS = 26
 """Up to where the start of a run counts; its bits are above."""
@@ -46,7 +47,7 @@ def encode(message: Message) -> bytes:
 def decode(data: bytes) -> Message:
     """A message out of its bytes."""
     (size,) = _LENGTH.unpack_from(data)
-    due, taker, giver, base_step, rows = json.loads(data[4 : 4 + size])
+    due, taker, giver, base_step, rows = parse_json(data[4 : 4 + size])
     (count,) = _LENGTH.unpack_from(data, 4 + size)
     runs = np.frombuffer(data, "<u4", count, 8 + size)
     lengths = np.frombuffer(data, "<u2", count, 8 + size + 4 * count).astype(np.int64)

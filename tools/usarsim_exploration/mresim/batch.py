@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path, PureWindowsPath
@@ -12,6 +11,7 @@ from usarsim_exploration.mresim.settings import Settings
 from usarsim_exploration.mresim.team import read_team
 from usarsim_exploration.scenario import Content
 from usarsim_server.errors import at
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.tables import Table
 from usarsim_server.toml import read_text
 
@@ -43,8 +43,8 @@ def read_batch(
         ExplorationError: naming the run, what is wrong with it, and the cure.
     """
     try:
-        content = json.loads(read_text(path, ExplorationError))
-    except (ValueError, RecursionError) as error:
+        content = parse_json(read_text(path, ExplorationError))
+    except ValueError as error:
         raise ExplorationError(at(path, f"is no JSON: {error}", "mend the file")) from None
     if not isinstance(content, dict):
         raise ExplorationError(at(path, "is no table", 'write {"globalSettings": ..., "runs": []}'))

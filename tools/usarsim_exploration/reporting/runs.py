@@ -30,6 +30,7 @@ from usarsim_exploration.run_folder import RUN
 from usarsim_server.csv_files import read_csv
 from usarsim_server.errors import at
 from usarsim_server.files import check_links, is_folder, is_regular, read_regular, reason
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.tables import Table, finite
 
 _LARGEST = 1 << 30
@@ -178,11 +179,11 @@ def _read(folder: Path) -> Source:
     path = folder / found[0]
     try:
         data = read_regular(path, _LARGEST)
-        content = json.loads(data)
+        content = parse_json(data)
     except OSError as error:
         cure = "check the file and its rights"
         raise ExplorationError(at(path, f"cannot be read: {reason(error)}", cure)) from None
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise ExplorationError(at(path, f"is no JSON: {error}", _AGAIN)) from None
     if not isinstance(content, dict):
         raise ExplorationError(at(path, "is no table of JSON", _AGAIN))

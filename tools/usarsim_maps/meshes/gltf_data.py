@@ -24,6 +24,7 @@ from usarsim_maps.reader import need
 from usarsim_maps.scene import Array, Integers
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, Folders
+from usarsim_server.protocol.json_text import parse_json
 
 MAX_BYTES = 1 << 30
 MAX_JSON = 128 << 20
@@ -330,7 +331,7 @@ def load_gltf(path: Path, folders: Folders) -> GltfFile:
     if len(text) > MAX_JSON:
         raise MapImportError(at(path, f"{len(text) >> 20} MiB of JSON", "export as .glb"))
     try:
-        value = json.loads(text.decode("utf-8-sig"))
+        value = parse_json(text.decode("utf-8-sig"))
     except UnicodeDecodeError:
         raise broken(path, "the JSON is not UTF-8") from None
     except json.JSONDecodeError as error:

@@ -6,11 +6,11 @@ turned here, once. Its clock is that of the newest truth, so records stand in th
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from usarsim_client import frames
+from usarsim_server.protocol.json_text import parse_json
 
 if TYPE_CHECKING:
     from usarsim_operator.pages import Page
@@ -49,8 +49,8 @@ class Scribe:
         said: Any = text[:LONGEST]
         if len(text) <= LONGEST:
             try:
-                said = json.loads(text)
-            except (ValueError, RecursionError):
+                said = parse_json(text)
+            except ValueError:
                 said = text
         kind = said.get("type") if isinstance(said, dict) else None
         if kind == "ping":

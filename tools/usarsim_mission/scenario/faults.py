@@ -24,6 +24,8 @@ from usarsim_server.toml import parse_toml, read_text
 
 MOST = 100
 """Faults that are told."""
+MOST_READ = 16 << 20
+"""Characters that are read for that in all: of a large file fewer faults are told."""
 _STAND_INS: dict[str, Any] = {"schema": SCHEMA, "title": "-", "world": "empty"}
 """What a file cannot do without."""
 _ANYWHERE = {
@@ -55,7 +57,8 @@ def faults(path: Path, stage: Callable[[Scenario], Staged]) -> tuple[list[Usarsi
     content = deepcopy(dict(parse_toml(text, path, MissionError, "robot")))
     found: list[UsarsimError] = []
     gone = _Gone(content)
-    while len(found) < MOST:
+    most = max(1, min(MOST, MOST_READ // len(text)))
+    while len(found) < most:
         try:
             scenario = scenario_of(content, text, path)
             if "world" in gone.top:

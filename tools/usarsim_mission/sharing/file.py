@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 import re
 from html import escape
 from pathlib import Path
@@ -17,6 +16,7 @@ from usarsim_mission.sharing.scenery import read_scenery
 from usarsim_mission.sharing.story import Story
 from usarsim_server.errors import at
 from usarsim_server.files import read_regular, reason, write_text
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.toml import read_toml
 
 SHARED = "share.html"
@@ -116,7 +116,7 @@ def _result(folder: Path) -> dict[str, Any] | None:
     if not path.exists():
         return None
     try:
-        result = dict(json.loads(read_regular(path)))
+        result = dict(parse_json(read_regular(path)))
         ended, victims = dict(result["ended"]), [dict(one) for one in result["victims"]]
         dict(result["values"]), float(result["total"]), result["rules"]
         if {"began", "why"} <= set(ended) and all("name" in one for one in victims):
@@ -124,6 +124,6 @@ def _result(folder: Path) -> dict[str, Any] | None:
     except OSError as error:
         cure = "check its rights"
         raise RunLogError(at(path, f"cannot be read: {reason(error)}", cure)) from error
-    except (ValueError, TypeError, KeyError, RecursionError):
+    except (ValueError, TypeError, KeyError):
         pass
     raise RunLogError(at(path, "is no result", "write it anew: usarsim mission score --write"))

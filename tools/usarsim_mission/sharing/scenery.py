@@ -19,6 +19,7 @@ from usarsim_client.scene import LiveScene, Poses, connect_scene
 from usarsim_mission.errors import RunLogError
 from usarsim_server.errors import at
 from usarsim_server.files import read_regular, reason, write_bytes
+from usarsim_server.protocol.json_text import parse_json
 
 SCENERY = "scene.json.gz"
 PATIENCE = 20.0
@@ -85,10 +86,10 @@ def read_scenery(folder: Path) -> dict[str, Any] | None:
     try:
         unpacker = zlib.decompressobj(zlib.MAX_WBITS | 16)
         text = unpacker.decompress(read_regular(path, MOST), MOST)
-        told = json.loads(text) if unpacker.eof else None
+        told = parse_json(text) if unpacker.eof else None
     except OSError as error:
         raise RunLogError(at(path, f"cannot be read: {reason(error)}", cure)) from error
-    except (zlib.error, ValueError, RecursionError):
+    except (zlib.error, ValueError):
         told = None
     if not isinstance(told, dict) or not _is_whole(told):
         raise RunLogError(at(path, "is no scenery of a run", cure))

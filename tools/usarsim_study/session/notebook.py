@@ -8,9 +8,6 @@ after a crash.
 from __future__ import annotations
 
 import contextlib
-import fcntl
-import os
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -186,25 +183,6 @@ class Notebook:
 def form_record(state: FormState, seat: int) -> Record:
     """What files say of a form; the first operator is not named."""
     return {**state.as_json()} | ({"operator": seat} if seat > 1 else {})
-
-
-@contextlib.contextmanager
-def held(place: Path) -> Iterator[bool]:
-    """Hold the folder of a participant; whether nobody else holds it.
-
-    The system lets it go with this program, however that ends.
-
-    Raises:
-        OSError: it cannot be held.
-    """
-    file = os.open(place / ".held", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield True
-    except BlockingIOError:
-        yield False
-    finally:
-        os.close(file)
 
 
 def broken(past: Past, task: Task) -> TrialStatus:

@@ -10,13 +10,12 @@ from pathlib import Path
 from usarsim_mission.scenario.description import beside
 from usarsim_mission.scenario.reader import read_scenario
 from usarsim_server.errors import UsarsimError, at
-from usarsim_server.files import is_regular, reason, write_text
+from usarsim_server.files import held, is_regular, reason, write_text
 from usarsim_server.toml import read_text, toml_text
 from usarsim_study.assignment import ALLOCATION
 from usarsim_study.errors import StudyError
 from usarsim_study.folder import Participant, StudyFolder
 from usarsim_study.layouts import look
-from usarsim_study.session.notebook import held
 from usarsim_study.study_file import FILE, SHIPPED, Study, find_study, read_study
 
 

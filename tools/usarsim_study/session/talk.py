@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_study.forms import Form, FormState
 from usarsim_study.session.screens import Message
 
@@ -77,8 +77,8 @@ def read_object(text: str) -> Message:
         RefusedError: it is none.
     """
     try:
-        said = json.loads(text)
-    except (ValueError, RecursionError):
+        said = parse_json(text)
+    except ValueError:
         said = None
     if not isinstance(said, dict):
         raise RefusedError("this is no JSON object")

@@ -19,6 +19,7 @@ from usarsim_operator.roles import LONGEST, Limits, foreign, hosts_of
 from usarsim_operator.serving import PAGE
 from usarsim_server.files import reason
 from usarsim_server.private import exposed, private
+from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.toml import read_text
 from usarsim_study.errors import StudyError
 from usarsim_study.session.desk import EXPERIMENTER, Desk
@@ -51,11 +52,11 @@ def kept_tokens(path: Path) -> dict[int, str]:
         with contextlib.suppress(FileExistsError), open(path, "x", opener=private) as file:
             json.dump({name: secrets.token_urlsafe(18) for name in SEATS.values()}, file)
         open_to_others = exposed(path)
-        told = json.loads(read_text(path, StudyError))
+        told = parse_json(read_text(path, StudyError))
         tokens = {seat: str(told[name]) for seat, name in SEATS.items()}
     except OSError as error:
         raise StudyError(f"{path}: {reason(error)} (name a folder of yours)") from None
-    except (ValueError, RecursionError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         raise StudyError(f"{path}: holds no tokens (delete it for new ones)") from None
     if open_to_others:
         raise StudyError(f"{path}: others may read it (chmod 600, or delete it for new ones)")
@@ -182,9 +183,9 @@ class Web:
 
     async def _hello(self, socket: web.WebSocketResponse) -> int | None:
         """The seat of a page, once it has said its token."""
-        with contextlib.suppress(TimeoutError, ValueError, RecursionError, AttributeError):
+        with contextlib.suppress(TimeoutError, ValueError, AttributeError):
             first = await socket.receive(HELLO_TIME)
-            said = json.loads(first.data) if first.type is WSMsgType.TEXT else {}
+            said = parse_json(first.data) if first.type is WSMsgType.TEXT else {}
             given = str(said.get("token")).encode("utf-8", "replace")
             if said.get("type") == "hello":
                 fits = [

@@ -237,6 +237,8 @@ NARROWEST = 0.01  # rad
 WIDEST = 3.0  # rad; a flat picture of half a turn would have no end
 SIZES = (16, 8192)  # pixels a side, as a tile's
 
+MOST_CAMERAS = 32  # of a robot; shipped ones have two at most
+
 _HINTS = {"interval": "write rate = pictures per second", "type": "leave it out"}
 
 
@@ -268,6 +270,8 @@ def read_cameras(
             )
         own.add(key)
         _enter(cameras, camera)
+        if len(cameras) > MOST_CAMERAS:
+            raise table.error("", f"is one more than {MOST_CAMERAS}", "mount fewer cameras")
     return tuple(cameras)
 
 

@@ -47,6 +47,11 @@ SHAPE_SIZES = {"box": 3, "cylinder": 2, "sphere": 1, "ellipsoid": 3, "capsule": 
 REST_TOLERANCE = 0.01
 """m between the rest height of a file and the height that follows from its wheels (5.1 #17)."""
 
+MOST_ITEMS = 256
+"""Sensors of a robot; shipped ones have 31 at most."""
+LEAST_INTERVAL = 0.0005
+"""s between two reports of a sensor: the shortest step that a world can be given."""
+
 GONE = frozenset(
     [
         *("Touch", "INS", "Odometer", "Odometry"),
@@ -324,6 +329,8 @@ def read_items(reader: Table, links: Sequence[str], parent: Parent) -> tuple[Ite
     _check_without(reader, parent)
     for table in reader.tables("sensor"):
         item = _item(table, links)
+        if len(items) == MOST_ITEMS:
+            raise table.error("", f"is one more than {MOST_ITEMS}", "mount fewer sensors")
         twins = [i for i, other in enumerate(items) if _same_item(item, other)]
         if twins and twins[0] < inherited:
             items[twins[0]] = item
@@ -372,5 +379,9 @@ def _item(table: Table, links: Sequence[str]) -> ItemDescription:
     for key, word in (("type", type_), ("name", name)):
         if not WORD.fullmatch(word):
             raise table.error(key, f"is {word!r}", "use one word without blanks and braces")
-    table.number("interval", 0.0, low=0.0, high=1e6)
+    interval = table.number("interval", 0.0, low=0.0, high=1e6)
+    if 0.0 < interval < LEAST_INTERVAL:
+        problem = f"{interval:g} s is shorter than any step of the world"
+        cure = f"write at least {LEAST_INTERVAL:g}, or 0 for reports on request only"
+        raise table.error("interval", problem, cure)
     return ItemDescription(type_, name, link, read_pose(table), table.rest("interval"), table.place)

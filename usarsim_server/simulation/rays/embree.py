@@ -8,6 +8,7 @@ it is there.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from ctypes import c_int, c_size_t, c_ssize_t, c_uint, c_void_p
 from functools import cache
 
@@ -24,6 +25,7 @@ _SIGNATURES = {
     "rtcCommitGeometry": (None, c_void_p),
     "rtcAttachGeometryByID": (None, c_void_p, c_void_p, c_uint),
     "rtcReleaseGeometry": (None, c_void_p),
+    "rtcCommitScene": (None, c_void_p),
     "rtcIntersect1": (None, c_void_p, c_void_p, c_void_p),
 }
 """Result and arguments of what is called of Embree 4."""
@@ -95,3 +97,11 @@ def add_mesh(scene: rtcore_scene.EmbreeScene, faces: NDArray[np.float32]) -> Non
     embree.rtcCommitGeometry(mesh)
     embree.rtcAttachGeometryByID(handle(scene), mesh, 0)
     embree.rtcReleaseGeometry(mesh)
+    _commit(embree)(handle(scene))
+
+
+@cache
+def _commit(embree: ctypes.PyDLL) -> Callable[[int | None], None]:
+    """What builds the tree of a scene and leaves the interpreter to others meanwhile: one shape of
+    a robot takes up to 40 ms."""
+    return ctypes.CFUNCTYPE(None, c_void_p)(("rtcCommitScene", embree))

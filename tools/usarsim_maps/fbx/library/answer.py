@@ -28,6 +28,7 @@ from usarsim_maps.scene import Array, Integers
 from usarsim_maps.units import affine
 from usarsim_server.children import python
 from usarsim_server.errors import MapImportError, at
+from usarsim_server.protocol.json_text import parse_json
 
 MAX_BYTES = 512 << 20
 MAX_NODES = 100_000
@@ -201,10 +202,10 @@ def _split(source: Path, answer: bytes) -> tuple[dict[str, Any], memoryview]:
     try:
         if not answer.startswith(MAGIC) or length > len(answer) - start:
             raise ValueError
-        told = json.loads(answer[start : start + length])
+        told = parse_json(answer[start : start + length])
         if not isinstance(told, dict):
             raise ValueError
-    except (ValueError, RecursionError):
+    except ValueError:
         raise MapImportError(at(source, "the FBX library ends in the middle of it", CURE)) from None
     return told, memoryview(answer)[start + length :]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import re
 import zipfile
 from collections.abc import Iterable, Iterator
@@ -21,6 +20,7 @@ from usarsim_maps.usd.schemas import STAGES
 from usarsim_server.children import python
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, is_regular
+from usarsim_server.protocol.json_text import parse_json
 
 BINARY = b"PXR-USDC"
 TRIAL = Path(__file__).with_name("trial.py")
@@ -76,7 +76,7 @@ def try_out(source: Path, context: Context) -> None:
     cure = "the file is damaged; export it again, or as .usda"
     done = run_apart(command, source, "USD", cure, source.stat().st_size)
     try:
-        named = json.loads(done.stdout or b"[]")
+        named = parse_json(done.stdout or b"[]")
     except ValueError:
         named = []  # names that are no text; what is opened in the end is looked at once more
     for asker, path in named:

@@ -141,7 +141,7 @@ function options(
       {},
       { label: series.name, stroke: line, width: 1.75, points: { show: false }, spanGaps: false },
     ],
-    padding: [4, 8, last ? 0 : 4, 0],
+    padding: [rem(6), rem(8), last ? 0 : rem(4), 0],
   };
 }
 
