@@ -30,6 +30,7 @@ class Shared:
         self._own = strategy.__module__
         self._package = self._own.partition(".")[0]
         self._folder = _folder(sys.modules.get(self._own))
+        self._known: dict[str, bool] = {}
 
     def values(self) -> Values:
         """What is in each variable now, in a form that can be compared, by module and name."""
@@ -47,7 +48,12 @@ class Shared:
         return found
 
     def _mine(self, name: str) -> bool:
-        """Whether the module of that name is one of the strategy's."""
+        """Whether the module of that name is one of the strategy's; thousands are asked about."""
+        if name not in self._known:
+            self._known[name] = self._is_mine(name)
+        return self._known[name]
+
+    def _is_mine(self, name: str) -> bool:
         top = name.partition(".")[0]
         if name == self._own or top in LIBRARIES:
             return name == self._own
