@@ -49,9 +49,12 @@ class Shared:
 
     def _mine(self, name: str) -> bool:
         """Whether the module of that name is one of the strategy's; thousands are asked about."""
-        if name not in self._known:
-            self._known[name] = self._is_mine(name)
-        return self._known[name]
+        known = self._known.get(name)
+        if known is None:
+            known = self._is_mine(name)
+            if name in sys.modules:
+                self._known[name] = known
+        return known
 
     def _is_mine(self, name: str) -> bool:
         top = name.partition(".")[0]
