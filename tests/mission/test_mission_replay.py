@@ -288,7 +288,7 @@ def test_an_input_at_another_tick_is_another_run(
     lines[drives[3]] = json.dumps(record)
     (moved / EVENTS).write_text("\n".join(lines) + "\n")
     assert (
-        replay_command(Namespace(folder=moved, out=None, robots=[], device=None, unattended=False))
+        replay_command(Namespace(folder=moved, out=None, robots=[], device=None, unattended=None))
         == 1
     )
     told = capsys.readouterr().out
