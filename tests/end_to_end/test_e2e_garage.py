@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lanes import SLOW
 from side_clients import WirelessModel
 
 from usarsim_server.actuators.effectors import create_effectors
@@ -190,7 +191,18 @@ def pair(request: pytest.FixtureRequest) -> Iterator[tuple[RobotDescription, lis
             assert eventually(lambda left=left: len(truth.positions()) <= left), track.label
 
 
-@pytest.mark.parametrize("pair", CASES, indirect=True, ids=[name for name, _ in CASES])
+FIRST = {kind: name for name, kind in reversed(CASES)}
+"""One class of each kind: the others are slow."""
+
+
+@pytest.mark.parametrize(
+    "pair",
+    [
+        pytest.param(case, id=case[0], marks=() if case[0] in FIRST.values() else SLOW)
+        for case in CASES
+    ],
+    indirect=True,
+)
 def test_a_class_from_init_to_its_end(pair: tuple[RobotDescription, list[Track]]) -> None:
     """It says what it is and carries, drives ahead, reports by its kind, and is gone in the end."""
     robot, tracks = pair

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lanes import slow_but
 from small_world import small
 
 from usarsim_exploration import run_folder
@@ -38,7 +39,7 @@ def explored(strategy: str, steps: int, **team: object) -> Result:
     return run(read(content))
 
 
-@pytest.mark.parametrize("strategy", SEEKING)
+@pytest.mark.parametrize("strategy", slow_but({"frontier", "market"}.__contains__, SEEKING))
 @pytest.mark.parametrize(("reach", "least"), [(1, 3), (2, 6), (3, 8)])
 def test_short_ranges(strategy: str, reach: int, least: int) -> None:
     """Robots that see one to three cells find more all the time, with any strategy."""

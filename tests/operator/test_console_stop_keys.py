@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from lanes import slow_but
 
 pytest.importorskip("aiohttp")
 
@@ -36,7 +37,7 @@ async def let_go(stage: Stage, page: Any) -> None:
     await becomes(page, "!window.usarsim.store.state.estop")
 
 
-@pytest.mark.parametrize("between", [0, 200, 700])
+@pytest.mark.parametrize("between", slow_but((200).__eq__, [0, 200, 700]))
 @pytest.mark.parametrize("way", ["mouse", "touch", "Enter", "Space", "pad"])
 async def test_stop_pressed_again_stays_stopped(stage: Stage, way: str, between: int) -> None:
     """A second press, at whatever time after the first, releases nothing."""
@@ -128,7 +129,7 @@ FOCUSES = {
 }
 
 
-@pytest.mark.parametrize("focus", FOCUSES)
+@pytest.mark.parametrize("focus", slow_but(list(FOCUSES)[::4].__contains__, FOCUSES))
 async def test_space_stops_wherever_the_focus_is(stage: Stage, focus: str) -> None:
     """Nothing else happens to what has the focus; Esc twice stops as well, and so does a press
     without a code, as remote desktops send it."""
@@ -275,7 +276,7 @@ window.nap = (ms) => { const end = performance.now() + ms; while (performance.no
 """
 
 
-@pytest.mark.parametrize("lost", LOST)
+@pytest.mark.parametrize("lost", slow_but(list(LOST)[::4].__contains__, LOST))
 async def test_a_key_whose_way_up_may_be_lost_is_let_go_of(stage: Stage, lost: str) -> None:
     """Command on a Mac and all of its kind: W goes down, something takes the keyboard, and the way
     up of W is never told. The robot stands, until W is pressed once more."""
