@@ -42,8 +42,13 @@ async def length(case: Case) -> None:
     client = await ImageClient.open(case)
     for request in (FULL_FRAME, rectangle(0, 0, 33, 21), FULL_FRAME):
         frame = await client.ask(request)
-        case.expect(frame.size[0], "the payload is empty")
-        await client.silent(0.3, "as many bytes as the header names")
+        named = len(frame.payload)
+        more = len(await client.wire.silence(0.3))
+        case.expect(
+            not more,
+            f"the length in the header is {named}, but {named + more} bytes of payload follow it",
+        )
+        case.expect(frame.size[0], f"the payload of {named} bytes is an empty picture")
 
 
 @images("header.one-type", "All replies have the same type", "11.11, 2.3")
@@ -384,7 +389,12 @@ async def moves(case: Case) -> None:
     case.need(abs(before.yaw - after.yaw) > 0.1, "the robot did not turn")
     moved = _apart(still, await _picture(client, watcher.tile))
     case.need(float(still.std()) > 3.0, "there is nothing to be seen")
-    case.expect(moved > noise + 0.5, f"turned: {moved:.2f} of 255 apart, at rest {noise:.2f}")
+    case.expect(
+        moved > noise + 0.5,
+        f"the picture after a turn by {abs(before.yaw - after.yaw):.2f} rad differs by {moved:.2f} "
+        f"of 255 from that before it, not by more than {noise + 0.5:.2f} (at rest {noise:.2f}): it "
+        "is stale",
+    )
 
 
 @images("camera.zoom", "SET FOV narrows the picture", "11.45, 2.11")
