@@ -243,10 +243,12 @@ def _judge_acceleration(
     told = track.of(type)
     case.need(len(told) > 20, f"too few {type} lines")
     speed = [0.0, 0.0, 0.0]
+    downward: list[float] = []
     course: list[tuple[float, list[float], list[float]]] = []
     for (before, _), (time, line) in pairwise(told):
         x, y, z = line.numbers(key)
         vector = turned_by(track.truth(time).orientation, (x, y, -z if upward else z))
+        downward.append(vector[2])
         change = (vector[0], vector[1], vector[2] - gravity)
         speed = [v + a * (time - before) for v, a in zip(speed, change, strict=True)]
         one, two = (track.truth(time + shift).location for shift in (-0.1, 0.1))
@@ -262,14 +264,22 @@ def _judge_acceleration(
         true, found = (sum(pair[n] ** 2 for pair in pairs) for n in (1, 0))
         case.need(true > 0.02 * len(pairs), f"the robot hardly moved along {_AXES[axis]}")
         likeness.append((both / true, both / math.sqrt(max(true * found, 1e-12))))
+    passed = course[-1][0] - course[0][0]
+    pull = fmean(downward) - (course[-1][2][2] - course[0][2][2]) / passed
     # Wrong along one axis of a tilted robot is wrong along all; that of the fault is the worst.
     worst = max(range(3), key=lambda axis: abs(likeness[axis][0] - 1.0))
     for axis in (worst, 0, 1, 2):
         slope, alike = likeness[axis]
+        if 0.85 < slope < 1.15 and alike > 0.9:
+            continue
         case.expect(
-            0.85 < slope < 1.15 and alike > 0.9,
-            f"{_AXES[axis]} of {key} adds up to {slope:.2f} times the true speed (likeness "
-            f"{alike:.2f})",
+            abs(pull - gravity) < 0.5,
+            f"gravity in {key} is {pull:.2f} m/s^2 downward in the mean of {passed:.0f} s, not "
+            f"{gravity:g}",
+        )
+        case.fail(
+            f"{_AXES[axis]} of {key} adds up to {slope:.2f} times the true change of speed, not "
+            f"1.00 times (likeness {alike:.2f} of 1)"
         )
 
 
