@@ -89,7 +89,7 @@ async def odometry_distance(case: Case) -> None:
             rolled, true = math.dist(poses[0][1][:2], poses[-1][1][:2]), math.dist(*ends)
             case.expect(
                 abs(rolled - true) < _GROUND * true + 0.03,
-                f"Pose x,y went {rolled:.3f} m driving {name}, the robot {true:.3f} m",
+                f"Pose x,y went {rolled:.3f} m driving {name}, not {true:.3f} m, as the robot",
             )
 
 
