@@ -227,7 +227,7 @@ def _wrong_ticks(
         + " or ".join(f"{side:.3f} rad/s, {side / step:.1f} ticks/s" for side in sides)
     )
     if abs(counts * step - wanted) < slack:
-        return f"{said}; but it does not begin anew after {turn} ticks, a turn"
+        return f"{said}; but it does not begin anew after about {turn} ticks, a turn"
     if abs(wanted) > slack:
         return f"{said}: {counts * step / wanted:.2f} times the right value"
     return said
