@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -79,10 +80,12 @@ def verdicts(request: pytest.FixtureRequest) -> Mapping[str, Result]:
     ],
 )
 def test_faults_are_noticed(name: str, verdicts: Mapping[str, Result]) -> None:
-    """The check that is meant for a fault fails, for what it has seen itself."""
+    """The check that is meant for a fault fails, for what it has seen itself, and says what the
+    fault says that it should."""
     result = verdicts[name]
     assert result.verdict is Verdict.FAIL, (result.verdict, result.reason, result.transcript)
     assert "could not be had" not in result.reason
+    assert re.search(_FAULTS[name].says, result.reason), result.reason
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from statistics import median
 
 from usarsim_conformance.case import PATIENCE, Case
 from usarsim_conformance.control import Pose, Robot, pose_of, turned
@@ -36,6 +37,18 @@ _PACE = 0.5
 """m/s of excursions."""
 _GRAIN = 0.012
 """s: times with two digits are those of the report nearby."""
+
+
+_TOLD_ELSEWHERE = {
+    "AltitudeSensor": ("relativeAltitude", 0, False),
+    "MagneticCompass": ("MagneticAngle", 0, True),
+    "IMU": ("Rotation", 2, True),
+    "INS": ("Orientation", 2, True),
+    "INU": ("Orientation", 2, True),
+}
+"""By type of sensor: segment, number in it, and whether it is yaw or else height above ground."""
+_WINDOW = 0.4
+"""s over which changes are compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +146,47 @@ class Track:
             a + share * turned(a, b) for a, b in zip(one.orientation, two.orientation, strict=True)
         )
         return Pose((x, y, z), (roll, pitch, yaw))
+
+    @cached_property
+    def lateness(self) -> tuple[float, str]:
+        """By how many s GroundTruth is late, and which sensors tell that; NaN unless two agree.
+
+        Raises:
+            NotApplicable: if there is no GroundTruth.
+        """
+        found = {}
+        for type, (key, number, turns) in _TOLD_ELSEWHERE.items():
+            told = [(time, line.numbers(key)) for time, line in self.of(type)]
+            values = [(time, one[number]) for time, one in told if len(one) > number]
+            if len(values) >= 20:
+                late = self._late(values, turns)
+                if not math.isnan(late):
+                    found[type] = late
+        middle = median(found.values()) if found else math.nan
+        agree = [type for type, late in found.items() if abs(late - middle) < 0.08]
+        if len(agree) < 2 or 2 * len(agree) <= len(found):
+            return math.nan, ""
+        return middle, " and ".join(agree)
+
+    def _late(self, values: Sequence[tuple[float, float]], turns: bool) -> float:
+        """The shift of GroundTruth with which it changes most like other values, s; NaN if with
+        none it does."""
+        best = (0.9, math.nan)  # likeness, shift
+        step = max(1, round(_WINDOW / ((values[-1][0] - values[0][0]) / (len(values) - 1))))
+        pairs = list(zip(values, values[step:], strict=False))
+        changes = [turned(a, b) if turns else b - a for (_, a), (_, b) in pairs]
+        for shift in (0.05 * number for number in range(-20, 21)):
+            true = []
+            for (before, _), (after, _) in pairs:
+                one, two = (self.truth(time + shift) for time in (before, after))
+                true.append(
+                    turned(one.yaw, two.yaw) if turns else one.location[2] - two.location[2]
+                )
+            size = math.sqrt(sum(a * a for a in changes) * sum(b * b for b in true))
+            if size > 1e-6:
+                like = abs(sum(a * b for a, b in zip(changes, true, strict=True))) / size
+                best = max(best, (like, shift))
+        return best[1]
 
     def of(self, type: str) -> list[tuple[float, Line]]:
         """Reports of a sensor type."""

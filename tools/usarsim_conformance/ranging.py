@@ -4,13 +4,13 @@ of a kit."""
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from statistics import median
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.excursions import Mount, bearer
-from usarsim_conformance.registry import NotApplicable
+from usarsim_conformance.registry import Failed, Inconclusive, NotApplicable
 from usarsim_conformance.walls import Scene, Surrounded, Vector, among_walls, turned_by
 
 SLACK = 0.03
@@ -108,6 +108,44 @@ def judge_beam(
         f"{key} of {beam.what} is {beam.value:.3f} m, {what} at {wanted:.3f} m (scene "
         f"{beam.scene.name!r})"
     )
+
+
+_ORDERS = {
+    "roll and yaw": (2, 1, 0),
+    "pitch and yaw": (0, 2, 1),
+    "roll and pitch": (1, 0, 2),
+}
+"""Angles that a server may exchange."""
+
+
+def explained(found: Surrounded, type: str, judge: Callable[[Surrounded], None]) -> None:
+    """Judge values by GEO; if they fail, tell whether all are right with two angles of GEO
+    exchanged: then not the values are wrong.
+
+    Raises:
+        Failed: if one is not right.
+    """
+    try:
+        judge(found)
+    except Failed as error:
+        for words, order in _ORDERS.items():
+            other = replace(found, order=order)
+            if other.mounts(type) == found.mounts(type):
+                continue
+            try:
+                judge(other)
+            except (Failed, Inconclusive, NotApplicable):
+                continue
+            first = next(name for name, one in found.mounts(type).items() if any(one.orientation))
+            told, right = (
+                ",".join(f"{angle:.4f}" for angle in one.mounts(type)[first].orientation)
+                for one in (found, other)
+            )
+            raise Failed(
+                f"{words} of Orientation of GEO are exchanged: it is {told} for {first}, not "
+                f"{right}, by which every Range of {type} is right (by GEO as it is, {error})"
+            ) from None
+        raise
 
 
 async def walls_for(case: Case, type: str) -> Surrounded:

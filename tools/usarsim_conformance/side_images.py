@@ -17,7 +17,7 @@ from usarsim_conformance.control import Robot
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import LEAVES, Place
 from usarsim_conformance.registry import Failed, Inconclusive, NotApplicable
-from usarsim_conformance.wire import Wire
+from usarsim_conformance.wire import Hangup, Wire
 
 FRAME_WITHIN = 60.0
 """s of simulated time for a frame; a server that draws without a graphics card may need long."""
@@ -46,6 +46,10 @@ class Frame(Picture):
             return super().pixels
         except ProtocolError as error:
             raise Failed(str(error)) from None
+
+
+class WrongLength(Failed):
+    """The length in a header is not that of what follows it."""
 
 
 _TILES_TAKEN = 30.0
@@ -135,23 +139,45 @@ async def read_frame(wire: Wire, within: float | None = None) -> Frame:
     """The next reply on a connection."""
     within = FRAME_WITHIN if within is None else within
     head = await wire.read_exactly(HEADER.size, within, FRAME_LEAST_WALL)
+    kind, length = HEADER.unpack(head)
+    other = int.from_bytes(head[1:], "little")
+    told = f"the length in the header, {head[1:].hex(' ')}, is {length}"
     try:
-        kind, length = header(head)
-    except ProtocolError as error:
-        raise Failed(str(error)) from None
-    return Frame(kind, await wire.read_exactly(length, within, FRAME_LEAST_WALL))
+        header(head)
+    except ProtocolError:
+        raise WrongLength(
+            f"{told} big-endian, as it should be, which no picture has, and {other} little-endian"
+        ) from None
+    try:
+        return Frame(kind, await wire.read_exactly(length, within, FRAME_LEAST_WALL))
+    except Hangup:
+        raise
+    except Failed:
+        raise WrongLength(
+            f"{told}, but {wire.waiting} bytes of payload follow it in {within:g} s"
+        ) from None
 
 
 async def facts_of(case: Case) -> Facts:
     """What kind of stream it is, found out once per run."""
     own = case.transcript
     try:
-        return await case.shared("the image stream", _look, dialect="")
+        found = await case.shared("the image stream", _look_at_lengths, dialect="")
+        if isinstance(found, WrongLength):
+            raise found
+        return found
     except Inconclusive as error:
         # Nothing can be said of a stream that has no frames, but that it breaks the rules.
         raise Failed(str(error)) from None
     finally:
         case.transcript = own
+
+
+async def _look_at_lengths(case: Case) -> Facts | WrongLength:
+    try:
+        return await _look(case)
+    except WrongLength as error:
+        return error  # whatever is asked of the stream then, that is what is wrong
 
 
 async def _look(case: Case) -> Facts:
@@ -180,6 +206,8 @@ async def _look_without_mark(case: Case) -> Facts:
         await wire.send(FULL_FRAME)
         try:
             frame = await read_frame(wire, FRAME_WITHIN / 3.0)
+        except WrongLength:
+            raise
         except Failed:
             # One server in the field wants a line end; a check says so, the others go on.
             await wire.send(b"\r\n")

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import ControlClient, Robot
@@ -180,6 +180,8 @@ class Surrounded:
     scenes: tuple[Scene, ...]
     """`open` floor; a wall `ahead`, `half` of it on the left, a `low` one, `right`, `behind`,
     `left`, a `narrow` one all around, `far` ones near the ends of ranges."""
+    order: tuple[int, int, int] = (0, 1, 2)
+    """In which angles of mounts are taken, to find out whether GEO tells them in another one."""
 
     def of(self, *names: str) -> list[Scene]:
         """Scenes of these names; all without one."""
@@ -187,7 +189,10 @@ class Surrounded:
 
     def mounts(self, type: str) -> dict[str, Mount]:
         """Sensors of a type that sit on the body."""
-        return self.equipment.on_body(type)
+        return {
+            name: replace(mount, orientation=tuple(mount.orientation[one] for one in self.order))
+            for name, mount in self.equipment.on_body(type).items()
+        }
 
     def inside(self, point: Sequence[float]) -> Vector:
         """A point of the world in the robot's frame."""

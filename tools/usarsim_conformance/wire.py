@@ -147,6 +147,11 @@ class Wire:
         """Port of the other end."""
         return self._connection.peer_port
 
+    @property
+    def waiting(self) -> int:
+        """How many bytes have been received and not been read."""
+        return len(self._connection.inbox)
+
     async def send(self, data: bytes) -> None:
         """Send bytes.
 

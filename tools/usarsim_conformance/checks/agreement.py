@@ -58,7 +58,8 @@ async def exact(case: Case) -> None:
         case.need(len(told) == 3, f"GETPOS does not list {robot.name}")
         for axis, a, b in zip("xyz", told, where, strict=True):
             case.expect(
-                abs(a - b) < 0.03, f"{axis} of Location is {a} by GETPOS, {b} by GroundTruth"
+                abs(a - b) < 0.03,
+                f"{axis} of Location is {a} by GETPOS, not {b}, as by GroundTruth",
             )
 
 
@@ -77,7 +78,7 @@ async def battery_empty(case: Case) -> None:
     )
     await robot.run(0.5)
     found = (await _told(client, robot.name)).get("BatteryEmpty")
-    case.expect(found == "True", f"BatteryEmpty is {found} while Battery of STA is 0")
+    case.expect(found == "True", f"BatteryEmpty is {found} while Battery of STA is 0, not True")
 
 
 # Radio.
@@ -211,13 +212,13 @@ async def poses(case: Case) -> None:
             for axis, a, b in zip("xyz", numbers(mine[4]), where.location, strict=True):
                 case.expect(
                     command or abs(a - b) < 0.03,  # it goes on flying meanwhile
-                    f"{axis} of Location is {a} here, {b} by GroundTruth",
+                    f"{axis} of Location is {a} here, not {b}, as by GroundTruth",
                 )
             angles = zip(("roll", "pitch", "yaw"), numbers(mine[5]), where.orientation, strict=True)
             for axis, a, b in angles:
                 case.expect(
                     abs(turned(a, b)) < 0.05,
-                    f"{name}, {axis} of Rotation is {a} here, {b} by GroundTruth",
+                    f"{name}, {axis} of Rotation is {a} here, not {b}, as by GroundTruth",
                 )
 
 
@@ -258,4 +259,4 @@ async def objects(case: Case) -> None:
             off = max(
                 abs(turned(p, q)) if index == 5 else abs(p - q) for p, q in zip(a, b, strict=True)
             )
-            case.expect(off < 0.02, f"{key} is {a} here, {b} by GetSTA")
+            case.expect(off < 0.02, f"{key} is {a} here, not {b}, as by GetSTA")

@@ -89,9 +89,12 @@ async def _axis(case: Case, axis: str, plus: str, minus: str, wanted: float) -> 
         for leg, sign in ((plus, 1.0), (minus, -1.0)):
             found = _moved(trip, leg)
             if trip.class_name in BLIMPS:
+                before = _moved(trip, _BEFORE[leg])[axis]
                 case.expect(
-                    sign * (found[axis] - _moved(trip, _BEFORE[leg])[axis]) > 0.1 * wanted,
-                    f"{trip.class_name} with {trip[leg].command}: {found[axis]:.2f}: {axis}",
+                    sign * (found[axis] - before) > 0.1 * wanted,
+                    f"{trip.class_name} with {trip[leg].command}: {found[axis]:.2f}, which should "
+                    f"be {'above' if sign > 0 else 'below'} {before + sign * 0.1 * wanted:.2f}: "
+                    f"{axis}",
                 )
                 continue
             case.expect(
@@ -104,7 +107,7 @@ async def _axis(case: Case, axis: str, plus: str, minus: str, wanted: float) -> 
             case.expect(
                 abs(others[worst]) < 0.15 * wanted,
                 f"{trip.class_name} with {trip[leg].command}, which asks for {axis} only, moves "
-                f"by {others[worst]:.2f} in {worst}",
+                f"by {others[worst]:.2f} in {worst}, not by less than {0.15 * wanted:.2f}",
             )
 
 
@@ -169,8 +172,8 @@ async def percent(case: Case) -> None:
             found = _moved(trip, f"half {axis}")[axis]
             case.expect(
                 near(found, told / 2.0, 0.12, 0.02),
-                f"{trip.class_name} at 50 percent of {axis} does {found:.3f}, half of "
-                f"Max{axis} is {told / 2.0:.3f}",
+                f"{trip.class_name} at 50 percent of {axis} does {found:.3f}, not "
+                f"{told / 2.0:.3f}, half of Max{axis}",
             )
     if not judged:
         case.skip("CONF names no largest velocities")
@@ -205,7 +208,8 @@ async def _leans(case: Case, angle: str, legs: tuple[tuple[str, float], ...]) ->
             case.expect(
                 found > -0.03,
                 f"{trip.class_name} with {trip[leg].command} has a {angle} of {sign * found:.2f} "
-                f"rad: {angle} has the wrong sign",
+                f"rad, which should be {'above -0.03' if sign > 0 else 'below 0.03'}: {angle} has "
+                "the wrong sign",
             )
             case.expect(
                 math.isnan(told) or near(found, told, 0.15, 0.02),
@@ -223,8 +227,8 @@ async def lean_angles(case: Case) -> None:
             found = math.degrees(getattr(trip[name], angle))
             case.expect(
                 abs(found - 12.0) < 3.0,
-                f"{trip.class_name} with {{{name} 12}} has a {angle} of {found:.1f} degrees: "
-                f"{name}",
+                f"{trip.class_name} with {{{name} 12}} has a {angle} of {found:.1f} degrees, "
+                f"not 12: {name}",
             )
 
 

@@ -180,7 +180,8 @@ async def wheel_sides(case: Case) -> None:
             turning = trip[leg].turning
             case.expect(
                 sign * turning > 0.02,
-                f"{trip.class_name} with {trip[leg].command}: yaw changes by {turning:.3f} rad/s: "
+                f"{trip.class_name} with {trip[leg].command}: yaw changes by {turning:.3f} "
+                f"rad/s, which should be {'above 0.02' if sign > 0 else 'below -0.02'}: "
                 "WheelNumber",
             )
 
@@ -197,14 +198,16 @@ async def wheel_steer(case: Case) -> None:
             case.expect(
                 abs(found - sign * _STEER) < 0.08 and abs(trip[leg].turning) < 0.15,
                 f"{trip.class_name} with all wheels at {sign * _STEER:g} rad moves {found:.2f} rad "
-                f"to the right of its x and turns by {trip[leg].turning:.2f} rad/s: WheelSteer",
+                f"to the right of its x and turns by {trip[leg].turning:.2f} rad/s, not "
+                f"{sign * _STEER:g} rad and 0 rad/s: WheelSteer",
             )
         for leg, sign in (("front right", 1.0), ("front left", -1.0)):
             turning = trip[leg].turning
             case.expect(
                 sign * turning > 0.05,
                 f"{trip.class_name} with its front wheels at {sign * 0.25:g} rad: yaw changes by "
-                f"{turning:.3f} rad/s: WheelSteer, or WheelNumber",
+                f"{turning:.3f} rad/s, which should be {'above' if sign > 0 else 'below'} "
+                f"{sign * 0.05:g}: WheelSteer, or WheelNumber",
             )
 
 
@@ -215,7 +218,9 @@ async def steering_type(case: Case) -> None:
     """SteeringType of CONF is OmniDrive for a robot whose wheels are steered one by one."""
     for trip in await _steps(case, _WHEELERS):
         found = trip.conf.get("SteeringType")
-        case.expect(found == "OmniDrive", f"SteeringType of {trip.class_name} is {found}")
+        case.expect(
+            found == "OmniDrive", f"SteeringType of {trip.class_name} is {found}, not OmniDrive"
+        )
 
 
 # Lamps.
@@ -231,4 +236,7 @@ async def light_intensity(case: Case) -> None:
         await robot.send(f"DRIVE {{Light {word}}}")
         status = [line for line in await robot.run(0.6) if line.head == "STA"][-1]
         found = status.number("LightIntensity")
-        case.expect((found > 0.0) == lit, f"LightIntensity is {found:g} with Light {word}")
+        case.expect(
+            (found > 0.0) == lit,
+            f"LightIntensity is {found:g} with Light {word}, not {'above 0' if lit else '0'}",
+        )

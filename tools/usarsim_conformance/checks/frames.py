@@ -12,6 +12,7 @@ from usarsim_conformance.places import Place
 from usarsim_conformance.recordings import driven, ground_told, standing, wheels_of
 from usarsim_conformance.registry import Severity, control, gazebo, once, udk, unreal, ut2004
 
+_ANGLES = ("roll", "pitch", "yaw")
 _NUMBER = r"-?\d+\.\d+|-?\d+"
 
 
@@ -152,7 +153,7 @@ async def floor(case: Case) -> None:
         case.skip("the robot has no RangeScanner")
     for item in reply.items():
         z = float((item.get("Location") or "0,0,0").split(",")[2])
-        case.expect(z < 0.05, f"the scanner is mounted at z {z}: {reply}")
+        case.expect(z < 0.05, f"the scanner is mounted at z {z}, not below 0.05: {reply}")
 
 
 @unreal("frames.clockwise", "Yaw grows clockwise", "6, no. 58")
@@ -161,7 +162,7 @@ async def clockwise(case: Case) -> None:
     shows increasing yaw."""
     _, _, turn = (await driven(case)).phases["clockwise"].moved
     case.need(abs(turn) > 0.05, f"the robot turned by {turn:.3f} rad only")
-    case.expect(turn > 0.0, f"turning clockwise changed the yaw by {turn:.2f} rad")
+    case.expect(turn > 0.0, f"turning clockwise changed yaw by {turn:.2f} rad, not above 0")
 
 
 @unreal("frames.right", "y grows to the right", "6, no. 57")
@@ -181,7 +182,7 @@ async def right(case: Case) -> None:
         after = await robot.pose()
     case.need(abs(turned(before.yaw, after.yaw)) > 0.1, "the robot hardly turned")
     _, side = before.ahead(after)
-    case.expect(side > 0.005, f"y, seen from the start, changed by {side:.3f} m")
+    case.expect(side > 0.005, f"y, seen from the start, changed by {side:.3f} m, not above 0.005")
 
 
 @control("frames.facing", "Yaw of pi/2 faces +y", "6, no. 61")
@@ -195,7 +196,9 @@ async def facing(case: Case) -> None:
     before, after = await case.drive(robot, "DRIVE {Left 2} {Right 2}", 1.0)
     dx, dy = (after.location[axis] - before.location[axis] for axis in (0, 1))
     case.need(math.hypot(dx, dy) > 0.03, "the robot hardly moved")
-    case.expect(dy > abs(dx), f"it moved by ({dx:.2f}, {dy:.2f})")
+    case.expect(
+        dy > abs(dx), f"it moved by {dx:.2f} m along x and {dy:.2f} m along y, not along +y"
+    )
 
 
 async def _tilted(case: Case, axis: int) -> None:
@@ -209,7 +212,7 @@ async def _tilted(case: Case, axis: int) -> None:
     if abs(found) <= 0.1 and "AerialVehicle" in robot.first.text:
         case.skip("a robot that flies rights itself")
     case.need(abs(found) > 0.1, "the robot had settled before its first report")
-    case.expect(found > 0.0, f"an angle of +0.35 is reported as {found:.2f}")
+    case.expect(found > 0.0, f"{_ANGLES[axis]} of +0.35 is told as {found:.2f}, not above 0")
 
 
 @control("frames.pitch", "Nose up is positive pitch", "6, no. 59")
@@ -229,7 +232,9 @@ async def _angles(case: Case, type: str, low: float, high: float) -> None:
     robot = await case.spawn(place=Place(None, place.location, (0.0, 0.0, -1.0)))
     for line in [await robot.sensor(type) for _ in range(4)]:
         for angle in line.numbers("Orientation"):
-            case.expect(low <= angle <= high, f"an angle outside {low:g} to {high:g}: {line}")
+            case.expect(
+                low <= angle <= high, f"an angle is {angle:g}, not {low:g} to {high:g}: {line}"
+            )
 
 
 @unreal("frames.ins-angles", "INS angles are not negative", "6, no. 64")

@@ -84,7 +84,7 @@ async def any_case(case: Case) -> None:
     one, other = [await case.spawn() for _ in range(2)]
     segments = f"{{From {one.name.upper()}}} {{To {other.name.lower()}}}"
     count = await _count(case, await _client(case), segments)
-    case.expect(count >= 0.0, f"robots are unknown in another case: {count}")
+    case.expect(count >= 0.0, f"ObstCount is {count:g} for names in another case, not 0 at least")
 
 
 @truth("getobs.keys", "Keys in any case, blanks optional", "3.1", Severity.SHOULD)
@@ -140,7 +140,7 @@ async def free_air(case: Case) -> None:
     count = await _count(
         case, await _client(case), f"{{Start {_point(up)}}} {{End {_point(higher)}}}"
     )
-    case.expect(count == 0.0, f"{count} obstacles in free air")
+    case.expect(count == 0.0, f"ObstCount is {count:g} obstacles in free air, not 0")
 
 
 @truth("getobs.ground", "The ground is an obstacle", "3.3", Severity.SHOULD)
@@ -150,7 +150,10 @@ async def ground(case: Case) -> None:
     low = place.moved(down=30.0)
     up = place.moved(down=-0.3)
     count = await _count(case, await _client(case), f"{{Start {_point(up)}}} {{End {_point(low)}}}")
-    case.expect(count >= 1.0, f"{count} obstacles on a way through the ground")
+    case.expect(
+        count >= 1.0,
+        f"ObstCount is {count:g} obstacles on a way through the ground, not 1 at least",
+    )
 
 
 @truth("getobs.bodies", "Robots are no obstacles", "11.57, 3.3")
@@ -168,7 +171,10 @@ async def bodies(case: Case) -> None:
     robot.close()
     await (await case.spawn()).run(1.5)
     without = await _count(case, client, segments)
-    case.expect(with_robot == without, f"{with_robot} with a robot between, {without} without")
+    case.expect(
+        with_robot == without,
+        f"ObstCount is {with_robot:g} with a robot between, not {without:g} as without",
+    )
 
 
 @truth("getobs.symmetric", "The way back is as long", "3.3", Severity.INFORMATIVE)
@@ -178,7 +184,7 @@ async def symmetric(case: Case) -> None:
     client = await _client(case)
     there = await _count(case, client, f"{{From {one.name}}} {{To {other.name}}}")
     back = await _count(case, client, f"{{From {other.name}}} {{To {one.name}}}")
-    case.expect(there == back, f"{there} there, {back} back")
+    case.expect(there == back, f"ObstCount is {there:g} there, {back:g} back, not the same")
 
 
 @truth("getobs.nonsense", "Survives points that are none", "3.3", Severity.SHOULD)

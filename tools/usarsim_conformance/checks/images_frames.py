@@ -42,8 +42,13 @@ async def length(case: Case) -> None:
     client = await ImageClient.open(case)
     for request in (FULL_FRAME, rectangle(0, 0, 33, 21), FULL_FRAME):
         frame = await client.ask(request)
-        case.expect(frame.size[0], "the payload is empty")
-        await client.silent(0.3, "as many bytes as the header names")
+        named = len(frame.payload)
+        more = len(await client.wire.silence(0.3))
+        case.expect(
+            not more,
+            f"the length in the header is {named}, but {named + more} bytes of payload follow it",
+        )
+        case.expect(frame.size[0], f"the payload of {named} bytes is an empty picture")
 
 
 @images("header.one-type", "All replies have the same type", "11.11, 2.3")
@@ -59,7 +64,7 @@ async def one_type(case: Case) -> None:
 async def known_type(case: Case) -> None:
     """The type byte is 0 for raw pixels and 1 to 5 for JPEG; others are not documented."""
     kind = (await facts_of(case)).kind
-    case.expect(kind <= 5, f"the type byte is {kind}")
+    case.expect(kind <= 5, f"the type byte is {kind}, not 0 to 5")
 
 
 @images("header.type-alone", "The type byte comes by itself", "2.12", Severity.INFORMATIVE)
@@ -88,8 +93,12 @@ async def _frame(case: Case, raw: bool) -> tuple[ImageClient, Frame]:
 async def markers(case: Case) -> None:
     """A JPEG payload begins with FF D8 and ends with FF D9."""
     _, frame = await _frame(case, raw=False)
-    case.expect(frame.payload[:2] == b"\xff\xd8", f"it begins with {frame.payload[:4].hex(' ')}")
-    case.expect(frame.payload[-2:] == b"\xff\xd9", f"it ends with {frame.payload[-4:].hex(' ')}")
+    case.expect(
+        frame.payload[:2] == b"\xff\xd8", f"it begins with {frame.payload[:2].hex(' ')}, not ff d8"
+    )
+    case.expect(
+        frame.payload[-2:] == b"\xff\xd9", f"it ends with {frame.payload[-2:].hex(' ')}, not ff d9"
+    )
 
 
 @images("jpeg.decodes", "JPEG pictures can be decoded", "11.12")
@@ -186,7 +195,11 @@ async def upright(case: Case) -> None:
     top, bottom = tint(pixels[:eighth]), tint(pixels[-eighth:])
     case.need(abs(abs(top) - abs(bottom)) > 6.0, "sky and ground cannot be told apart")
     case.need(top * bottom >= 0.0 or abs(top) > abs(bottom), "there is more than sky and ground")
-    case.expect(abs(top) > abs(bottom), "the sky is at the bottom")
+    case.expect(
+        abs(top) > abs(bottom),
+        f"the lowest eighth is more blue than red by {bottom:.0f} of 255, the top by {top:.0f}: "
+        "the sky is at the bottom, not at the top",
+    )
 
 
 @images("content.tile-of-frame", "Rectangles are cut from the frame", "11.21")
@@ -259,7 +272,10 @@ async def inside(case: Case) -> None:
         )
     client = await ImageClient.open(case)
     size = (await client.ask(watcher.tile.request)).size
-    case.expect(size == (watcher.tile.width, watcher.tile.height), f"its picture is {size}")
+    case.expect(
+        size == (watcher.tile.width, watcher.tile.height),
+        f"the picture of a tile of {watcher.tile.width} x {watcher.tile.height} is {size}",
+    )
 
 
 @images("conf.degrees", "Fields of view are degrees", "11.41, 2.10")
@@ -312,7 +328,7 @@ async def first(case: Case) -> None:
             pixels = (await client.ask()).pixels
             tile = pixels[: watcher.tile.height, : watcher.tile.width]
             case.need(float(tile.std()) < 3.0, "tile 0 shows something: another robot may be there")
-        case.expect(at == (0, 0), f"the only camera is at {at}")
+        case.expect(at == (0, 0), f"the tile of the only camera is at {at}, not at (0, 0)")
 
 
 @images("tiles.lowest", "A new camera takes the lowest tile", "11.44, 2.10", exclusive=True)
@@ -384,7 +400,12 @@ async def moves(case: Case) -> None:
     case.need(abs(before.yaw - after.yaw) > 0.1, "the robot did not turn")
     moved = _apart(still, await _picture(client, watcher.tile))
     case.need(float(still.std()) > 3.0, "there is nothing to be seen")
-    case.expect(moved > noise + 0.5, f"turned: {moved:.2f} of 255 apart, at rest {noise:.2f}")
+    case.expect(
+        moved > noise + 0.5,
+        f"the picture after a turn by {abs(before.yaw - after.yaw):.2f} rad differs by {moved:.2f} "
+        f"of 255 from that before it, not by more than {noise + 0.5:.2f} (at rest {noise:.2f}): it "
+        "is stale",
+    )
 
 
 @images("camera.zoom", "SET FOV narrows the picture", "11.45, 2.11")
@@ -393,10 +414,16 @@ async def zoom(case: Case) -> None:
     the default."""
     watcher = await camera_robot(case)
     narrow = await _fov(watcher, "0.5")
-    case.expect(abs(narrow - 28.6) < 2.0, f"0.5 rad asked for, CONF tells {narrow} degrees")
+    case.expect(
+        abs(narrow - 28.6) < 2.0,
+        f"CameraFov of CONF is {narrow} after SET FOV 0.5 rad, not 28.6 degrees",
+    )
     restored = await _fov(watcher, "0")
     default = watcher.tile.default_fov
-    case.expect(abs(restored - default) < 0.01, f"0 gives {restored}, the default is {default}")
+    case.expect(
+        abs(restored - default) < 0.01,
+        f"CameraFov of CONF is {restored} after SET FOV 0, not CameraDefFov, {default}",
+    )
 
 
 @images("camera.clamped", "Fields of view are clamped", "11.45, 2.11", Severity.SHOULD)
@@ -404,8 +431,14 @@ async def clamped(case: Case) -> None:
     """Fields of view beyond the limits of the camera are clamped to them."""
     watcher = await camera_robot(case)
     most, least = await _fov(watcher, "100"), await _fov(watcher, "0.01")
-    case.expect(abs(most - watcher.tile.most_fov) < 1.0, f"100 rad gives {most} degrees")
-    case.expect(abs(least - watcher.tile.least_fov) < 1.0, f"0.01 rad gives {least} degrees")
+    case.expect(
+        abs(most - watcher.tile.most_fov) < 1.0,
+        f"CameraFov is {most} after SET FOV 100 rad, not CameraMaxFov, {watcher.tile.most_fov}",
+    )
+    case.expect(
+        abs(least - watcher.tile.least_fov) < 1.0,
+        f"CameraFov is {least} after SET FOV 0.01 rad, not CameraMinFov, {watcher.tile.least_fov}",
+    )
 
 
 async def _fov(watcher: CameraRobot, radians: str) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import wraps
 from itertools import pairwise
 from statistics import fmean
 
@@ -19,7 +20,15 @@ from usarsim_conformance.excursions import (
     fly_about,
 )
 from usarsim_conformance.ranging import CHANCE, spread_bounds
-from usarsim_conformance.registry import UNREAL, NotApplicable, Severity, checks_of
+from usarsim_conformance.registry import (
+    UNREAL,
+    Failed,
+    Function,
+    Inconclusive,
+    NotApplicable,
+    Severity,
+    checks_of,
+)
 from usarsim_conformance.walls import turned_by
 
 measured = checks_of("control", reference="robots reference", dialects=UNREAL)
@@ -49,6 +58,59 @@ async def _flown(case: Case, type: str) -> Excursion:
         except NotApplicable:
             continue
     return await _moved(case, type)
+
+
+LATE = 0.15
+"""s that GroundTruth may seem to be of another time than others tell."""
+
+
+async def _lateness(case: Case) -> tuple[float, str]:
+    """By how many s GroundTruth is late, and which sensors tell that; NaN if none do."""
+    for type in ("IMU", "MagneticCompass", "INS"):
+        try:
+            late, others = (await _flown(case, type)).track.lateness
+        except NotApplicable:
+            continue
+        if others:
+            return late, others
+    return math.nan, ""
+
+
+def by_truth(function: Function) -> Function:
+    """Make a check one that does not blame a sensor for what GroundTruth, with which it is
+    compared, tells late: it cannot be judged then."""
+
+    @wraps(function)
+    async def judge(case: Case) -> None:
+        try:
+            await function(case)
+        except Failed as error:
+            try:
+                late, _ = await _lateness(case)
+            except Inconclusive:
+                raise error from None
+            case.need(
+                not abs(late) >= LATE,
+                f"GroundTruth is {late:.2f} s late, not 0, which control.values.truth-time is "
+                f"about; against it {error}",
+            )
+            raise
+
+    return judge
+
+
+@measured("values.truth-time", "GroundTruth is of its time", "2.5; protocol reference 4.6")
+async def truth_time(case: Case) -> None:
+    """GroundTruth turns and climbs at the moment at which compass, altimeter and other sensors say
+    so, within 0.15 s. Not applicable unless two of them agree about that moment."""
+    late, others = await _lateness(case)
+    if math.isnan(late):
+        case.skip("no two sensors agree about when the robot turned and climbed")
+    case.expect(
+        abs(late) < LATE,
+        f"GroundTruth is {late:.2f} s late, not 0: Location and Orientation change so much later "
+        f"than {others}",
+    )
 
 
 def _grain(values: Sequence[float]) -> float:
@@ -118,12 +180,13 @@ def _judge_noise(case: Case, found: _Errors, axes: Sequence[int], what: str) -> 
     low, high = spread_bounds(samples)
     case.expect(
         low < ratio < high,
-        f"noise of {what} is {math.sqrt(ratio):.2f} times sigma {_SIGMA:g} of each step, over "
+        f"noise of {what} is {math.sqrt(ratio) * _SIGMA:.3f} of each step, not {_SIGMA:g}, over "
         f"{samples} stretches",
     )
 
 
 @measured("values.ins-location", "INS follows the robot", "2.5; protocol reference 4.6")
+@by_truth
 async def ins_location(case: Case) -> None:
     """Location of INS changes as that of GroundTruth, on every axis, but for its drift: within
     five times sigma times the root of way times step."""
@@ -146,6 +209,7 @@ async def ins_location(case: Case) -> None:
 
 
 @measured("values.ins-noise", "INS is as inexact as it should be", "2.5", Severity.SHOULD)
+@by_truth
 async def ins_noise(case: Case) -> None:
     """The error of Location grows by a normal variate with 0.05 of every step: neither nothing nor
     much more."""
@@ -154,12 +218,14 @@ async def ins_noise(case: Case) -> None:
 
 
 @measured("values.ins-orientation", "INS turns with the robot", "2.5; protocol reference 4.6")
+@by_truth
 async def ins_orientation(case: Case) -> None:
     """Orientation of INS changes as that of GroundTruth, about every axis, but for its drift."""
     await _orientation_follows(case, "INS")
 
 
 @measured("values.inu-orientation", "INU turns with the robot", "2.5; protocol reference 4.6")
+@by_truth
 async def inu_orientation(case: Case) -> None:
     """Orientation of INU changes as that of GroundTruth, about every axis, but for its drift."""
     await _orientation_follows(case, "INU")
@@ -185,6 +251,7 @@ async def _orientation_follows(case: Case, type: str) -> None:
 @measured(
     "values.ins-orientation-noise", "INS turns as inexactly as it should", "2.5", Severity.SHOULD
 )
+@by_truth
 async def ins_orientation_noise(case: Case) -> None:
     """The error of yaw in Orientation grows by a normal variate with 0.05 of every turn."""
     track = (await _moved(case, "INS")).track
@@ -192,6 +259,7 @@ async def ins_orientation_noise(case: Case) -> None:
 
 
 @measured("values.compass", "A compass turns clockwise", "2.5; protocol reference 4.6")
+@by_truth
 async def compass(case: Case) -> None:
     """MagneticAngle grows with yaw, clockwise, rad for rad; without another north it is yaw."""
     track = (await _flown(case, "MagneticCompass")).track
@@ -213,6 +281,7 @@ async def compass(case: Case) -> None:
 
 
 @measured("values.altitude", "An altimeter tells metres", "2.5; protocol reference 6, no. 123")
+@by_truth
 async def altitude(case: Case) -> None:
     """relativeAltitude is the height above the first report, metre for metre, and absoluteAltitude
     111 m more."""
@@ -243,10 +312,12 @@ def _judge_acceleration(
     told = track.of(type)
     case.need(len(told) > 20, f"too few {type} lines")
     speed = [0.0, 0.0, 0.0]
+    downward: list[float] = []
     course: list[tuple[float, list[float], list[float]]] = []
     for (before, _), (time, line) in pairwise(told):
         x, y, z = line.numbers(key)
         vector = turned_by(track.truth(time).orientation, (x, y, -z if upward else z))
+        downward.append(vector[2])
         change = (vector[0], vector[1], vector[2] - gravity)
         speed = [v + a * (time - before) for v, a in zip(speed, change, strict=True)]
         one, two = (track.truth(time + shift).location for shift in (-0.1, 0.1))
@@ -262,18 +333,27 @@ def _judge_acceleration(
         true, found = (sum(pair[n] ** 2 for pair in pairs) for n in (1, 0))
         case.need(true > 0.02 * len(pairs), f"the robot hardly moved along {_AXES[axis]}")
         likeness.append((both / true, both / math.sqrt(max(true * found, 1e-12))))
+    passed = course[-1][0] - course[0][0]
+    pull = fmean(downward) - (course[-1][2][2] - course[0][2][2]) / passed
     # Wrong along one axis of a tilted robot is wrong along all; that of the fault is the worst.
     worst = max(range(3), key=lambda axis: abs(likeness[axis][0] - 1.0))
     for axis in (worst, 0, 1, 2):
         slope, alike = likeness[axis]
+        if 0.85 < slope < 1.15 and alike > 0.9:
+            continue
         case.expect(
-            0.85 < slope < 1.15 and alike > 0.9,
-            f"{_AXES[axis]} of {key} adds up to {slope:.2f} times the true speed (likeness "
-            f"{alike:.2f})",
+            abs(pull - gravity) < 0.5,
+            f"gravity in {key} is {pull:.2f} m/s^2 downward in the mean of {passed:.0f} s, not "
+            f"{gravity:g}",
+        )
+        case.fail(
+            f"{_AXES[axis]} of {key} adds up to {slope:.2f} times the true change of speed, not "
+            f"1.00 times (likeness {alike:.2f} of 1)"
         )
 
 
 @measured("values.accel", "Accel is the change of velocity", "2.5; protocol reference 4.6")
+@by_truth
 async def accel(case: Case) -> None:
     """Acceleration of Accel, turned from the sensor's frame into the world's, adds up to the
     robot's velocity on every axis, z down, without gravity."""
@@ -281,6 +361,7 @@ async def accel(case: Case) -> None:
 
 
 @measured("values.accelerometer", "An accelerometer adds gravity", "2.5; protocol reference 4.6")
+@by_truth
 async def accelerometer(case: Case) -> None:
     """ProperAcceleration is the change of velocity with 9.81 m/s^2 downward added, also when the
     robot is tilted."""
@@ -291,12 +372,14 @@ async def accelerometer(case: Case) -> None:
 @measured(
     "values.imu-acceleration", "IMU tells the change of velocity", "2.5; protocol reference 4.6"
 )
+@by_truth
 async def imu_acceleration(case: Case) -> None:
     """XYZAcceleration of IMU, with z up as an exception, adds up to the robot's velocity."""
     _judge_acceleration(case, await _flown(case, "IMU"), "IMU", "XYZAcceleration", 0.0, True)
 
 
 @measured("values.imu-rotation", "IMU tells where the robot turns", "2.5; protocol reference 4.6")
+@by_truth
 async def imu_rotation(case: Case) -> None:
     """Rotation of IMU is Orientation of GroundTruth, AngularVel the change of its angles per s, and
     AngularAccel that of AngularVel, each about its own axis."""
@@ -308,7 +391,7 @@ async def imu_rotation(case: Case) -> None:
         for axis, angle in enumerate(line.numbers("Rotation")):
             case.expect(
                 abs(turned(true[axis], angle)) < 0.04,
-                f"{_ANGLES[axis]} of Rotation is {angle:.3f}, in truth {true[axis]:.3f}",
+                f"{_ANGLES[axis]} of Rotation is {angle:.3f}, not {true[axis]:.3f}",
             )
     for key, source in (("AngularVel", "Rotation"), ("AngularAccel", "AngularVel")):
         for (before, one), (time, two) in pairwise(told):

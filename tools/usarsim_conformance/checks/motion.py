@@ -37,15 +37,19 @@ async def _rolling(robot: Robot, *commands: str, seconds: float = 1.0) -> tuple[
 async def forward(case: Case) -> None:
     """`DRIVE {Left v} {Right v}` with v above zero drives forward along the robot's x."""
     ahead, side, turn = (await driven(case)).phases["forward"].moved
-    case.expect(ahead > 0.05, f"it went {ahead:.2f} m forward")
-    case.expect(abs(side) < 0.3 * ahead and abs(turn) < 0.4, f"it went ({ahead:.2f}, {side:.2f})")
+    case.expect(ahead > 0.05, f"it went {ahead:.2f} m forward, not more than 0.05")
+    case.expect(
+        abs(side) < 0.3 * ahead and abs(turn) < 0.4,
+        f"it went {ahead:.2f} m forward and {side:.2f} m right and turned by {turn:.2f} rad, not "
+        "straight ahead",
+    )
 
 
 @control("motion.back", "Negative speeds drive back", "6, no. 143")
 async def back(case: Case) -> None:
     """`DRIVE {Left -v} {Right -v}` drives back."""
     ahead, _, _ = (await driven(case)).phases["back"].moved
-    case.expect(ahead < -0.05, f"it went {ahead:.2f} m forward")
+    case.expect(ahead < -0.05, f"it went {ahead:.2f} m forward, not more than 0.05 back")
 
 
 @unreal("motion.clockwise", "Left forward, right back turns clockwise", "6, no. 143")
@@ -53,21 +57,24 @@ async def clockwise(case: Case) -> None:
     """`DRIVE {Left v} {Right -v}` turns clockwise seen from above: left and right are not
     swapped. Clockwise is what increases odometry theta and, with z down, yaw."""
     _, _, turn = (await driven(case)).phases["clockwise"].moved
-    case.expect(turn > _TURNS, f"it turned by {turn:.2f} rad, clockwise positive")
+    case.expect(turn > _TURNS, f"yaw changed by {turn:.2f} rad, which should be above {_TURNS:g}")
 
 
 @unreal("motion.anticlockwise", "Right forward, left back turns anticlockwise", "6, no. 143")
 async def anticlockwise(case: Case) -> None:
     """`DRIVE {Left -v} {Right v}` turns anticlockwise seen from above."""
     _, _, turn = (await driven(case)).phases["anticlockwise"].moved
-    case.expect(turn < -_TURNS, f"it turned by {turn:.2f} rad, clockwise positive")
+    case.expect(turn < -_TURNS, f"yaw changed by {turn:.2f} rad, which should be below {-_TURNS:g}")
 
 
 @unreal("motion.in-place", "Opposite speeds turn on the spot", "3.4.1", Severity.SHOULD)
 async def in_place(case: Case) -> None:
     """With opposite speeds the robot turns and hardly leaves its place."""
     ahead, side, _ = (await driven(case)).phases["clockwise"].moved
-    case.expect(math.hypot(ahead, side) < 0.25, f"it moved by ({ahead:.2f}, {side:.2f}) m")
+    case.expect(
+        math.hypot(ahead, side) < 0.25,
+        f"it moved by {math.hypot(ahead, side):.2f} m, not by less than 0.25",
+    )
 
 
 @control("motion.stops", "Zero stops", "6, no. 145")
@@ -75,16 +82,22 @@ async def stops(case: Case) -> None:
     """`DRIVE {Left 0} {Right 0}` stops the wheels."""
     phase = (await driven(case)).phases["steady"]
     ahead, side, turn = phase.moved
-    case.expect(math.hypot(ahead, side) < 0.08, f"it rolled on by ({ahead:.2f}, {side:.2f}) m")
-    case.expect(abs(turn) < 0.3, f"it turned on by {turn:.2f} rad")
+    case.expect(
+        math.hypot(ahead, side) < 0.08,
+        f"it rolled on by {math.hypot(ahead, side):.2f} m, not by less than 0.08",
+    )
+    case.expect(abs(turn) < 0.3, f"it turned on by {turn:.2f} rad, not by less than 0.3")
 
 
 @control("motion.rests", "A robot at rest stays", "robots reference 5.3, no. 64")
 async def rests(case: Case) -> None:
     """A robot that is not driven does not move."""
     ahead, side, turn = (await driven(case)).phases["rest"].moved
-    case.expect(math.hypot(ahead, side) < 0.03, f"it crept by ({ahead:.3f}, {side:.3f}) m")
-    case.expect(abs(turn) < 0.03, f"it turned by {turn:.3f} rad")
+    case.expect(
+        math.hypot(ahead, side) < 0.03,
+        f"it crept by {math.hypot(ahead, side):.3f} m, not by less than 0.03",
+    )
+    case.expect(abs(turn) < 0.03, f"it turned by {turn:.3f} rad, not by less than 0.03")
 
 
 @control("motion.speed", "WheelRadius predicts the speed", "6, no. 132", Severity.SHOULD)
@@ -127,7 +140,9 @@ async def persists(case: Case) -> None:
     await _rolling(robot, f"DRIVE {{Left {turn}}} {{Right {-turn}}}")
     await robot.run(4.0)
     _, rate = await _rolling(robot)
-    case.expect(abs(rate) > 0.012, f"after 5 s it turns at {rate:.3f} rad/s")
+    case.expect(
+        abs(rate) > 0.012, f"after 5 s it turns at {rate:.3f} rad/s, not at more than 0.012"
+    )
 
 
 async def _cruising(case: Case, command: str) -> tuple[float, float, float]:
@@ -198,14 +213,17 @@ async def _one_side(case: Case) -> tuple[float, float]:
 async def one_side(case: Case) -> None:
     """In ut2004 `DRIVE {Left v}` alone keeps the right side: the robot turns clockwise."""
     _, rate = await _one_side(case)
-    case.expect(rate > 0.012, f"it turns at {rate:.3f} rad/s, clockwise positive")
+    case.expect(rate > 0.012, f"yaw changes by {rate:.3f} rad/s, not by more than 0.012")
 
 
 @udk("motion.one-side-udk", "One side alone does nothing in udk", "6, no. 148")
 async def one_side_udk(case: Case) -> None:
     """In udk `DRIVE {Left v}` alone does nothing."""
     speed, rate = await _one_side(case)
-    case.expect(abs(speed) < _STILL and abs(rate) < 0.05, f"{speed:.3f} m/s, {rate:.3f} rad/s")
+    case.expect(
+        abs(speed) < _STILL and abs(rate) < 0.05,
+        f"it drives at {speed:.3f} m/s and {rate:.3f} rad/s, not below {_STILL:g} and 0.05",
+    )
 
 
 @once("motion.unknown-name", "A Name in a wheel command is ignored", "protocol reference, addendum")
@@ -217,7 +235,8 @@ async def unknown_name(case: Case) -> None:
     found, _ = await _rolling(
         robot, f"DRIVE {{Name robot_0}} {{Left {value}}} {{Right {value}}}", seconds=0.6
     )
-    case.expect(found > 0.5 * value * radius, f"it drives at {found:.3f} m/s")
+    wanted = value * radius
+    case.expect(found > 0.5 * wanted, f"it drives at {found:.3f} m/s, not at about {wanted:.3f}")
 
 
 @once("motion.segments-of-all", "Segments of all vehicle kinds at once", "5.1.2")
@@ -233,7 +252,7 @@ async def segments_of_all(case: Case) -> None:
         " {RotationalVelocity 0.00}",
         seconds=0.5,
     )
-    case.expect(abs(found) < 0.05, f"it drives on at {found:.3f} m/s")
+    case.expect(abs(found) < 0.05, f"it drives on at {found:.3f} m/s, not below 0.05")
 
 
 @unreal("motion.flip", "Flip does an upright robot no harm", "6, no. 153")
@@ -243,9 +262,9 @@ async def flip(case: Case) -> None:
     await robot.run(0.6)
     before, after = await case.drive(robot, "DRIVE {Flip True}", 1.5)
     moved = math.dist(before.location[:2], after.location[:2])
-    case.expect(moved < 0.2, f"it moved by {moved:.2f} m")
+    case.expect(moved < 0.2, f"it moved by {moved:.2f} m, not by less than 0.2")
     tilt = max(abs(turned(0.0, angle)) for angle in after.orientation[:2])
-    case.expect(tilt < 0.2, f"it is tilted by {tilt:.2f} rad")
+    case.expect(tilt < 0.2, f"it is tilted by {tilt:.2f} rad, not by less than 0.2")
 
 
 @ut2004("motion.flip-over", "Flip rights an overturned robot", "6, no. 153")
@@ -262,7 +281,7 @@ async def flip_over(case: Case) -> None:
     await robot.send("DRIVE {Flip True}")
     await robot.run(2.0)
     tilt = max(abs(turned(0.0, angle)) for angle in (await robot.pose()).orientation[:2])
-    case.expect(tilt < 0.3, f"it is still tilted by {tilt:.2f} rad")
+    case.expect(tilt < 0.3, f"it is still tilted by {tilt:.2f} rad, not by less than 0.3")
 
 
 @ut2004("motion.wheel-by-wheel", "Wheels one by one", "6, no. 150", Severity.SHOULD)
@@ -274,7 +293,8 @@ async def wheel_by_wheel(case: Case) -> None:
     value = min(2.0, 0.6 * limit)
     groups = " ".join(f"{{WheelNumber {n}}} {{WheelSpeed {value}}}" for n in range(4))
     found, _ = await _rolling(robot, f"DRIVE {groups}", seconds=0.6)
-    case.expect(found > 0.4 * value * radius, f"it drives at {found:.3f} m/s")
+    wanted = value * radius
+    case.expect(found > 0.4 * wanted, f"it drives at {found:.3f} m/s, not at about {wanted:.3f}")
 
 
 @once("motion.order", "Commands are executed in order", "1.8")
@@ -285,4 +305,7 @@ async def in_order(case: Case) -> None:
         robot, *[f"DRIVE {{Left {n % 5}}} {{Right {-n % 7}}}" for n in range(50)],
         "DRIVE {Left 0} {Right 0}", seconds=0.5,
     )  # fmt: skip
-    case.expect(abs(found) < 0.05 and abs(rate) < 0.1, f"{found:.3f} m/s, {rate:.3f} rad/s")
+    case.expect(
+        abs(found) < 0.05 and abs(rate) < 0.1,
+        f"it drives at {found:.3f} m/s and {rate:.3f} rad/s, not below 0.05 and 0.1",
+    )

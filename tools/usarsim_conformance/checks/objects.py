@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from statistics import fmean
 
 from usarsim_conformance.case import Case
-from usarsim_conformance.control import ControlClient, turned
+from usarsim_conformance.control import ControlClient, Robot, turned
 from usarsim_conformance.grounds import open_floor
 from usarsim_conformance.lines import Line, numbers
 from usarsim_conformance.places import Place
@@ -125,22 +125,40 @@ async def seen(case: Case) -> None:
             await robot.run(0.6)
             points = _points(await robot.sensor("RangeScanner"))
             await client.send(f"CONTROL {{Type Kill}} {{Name {name}}}")
-            case.expect(points, f"the scanner does not see an object with {place.coordinates}")
+            case.expect(
+                points,
+                f"no Range of the scanner is below 5 m, though an object with {place.coordinates} "
+                f"stands {_AHEAD} m ahead of it",
+            )
             xs, ys = zip(*points, strict=True)
             found = (fmean(xs), fmean(ys))
             if words.startswith("yaw"):
                 # Nearer on the right.
                 left = [x for x, y in points if y < -0.3]
                 near = [x for x, y in points if y > 0.3]
+                if not left or not near:
+                    await _is_gone(case, robot)
                 case.need(left and near, f"the board is not seen on both sides: {points}")
                 found = (math.nan, (fmean(left) - fmean(near)) / (2.0 * math.tan(_LEAN)))
-            for a, b in zip(found, wanted, strict=True):
-                case.expect(
-                    math.isnan(b) or abs(a - b) < 0.15,
+            if any(abs(a - b) >= 0.15 for a, b in zip(found, wanted, strict=True)):
+                await _is_gone(case, robot)
+                case.fail(
                     f"an object {_AHEAD} m ahead and {right} m right with Rotation "
                     f"{_text(rotation)} is seen at {found[0]:.2f}, {found[1]:.2f}, not at "
                     f"{wanted[0]:.2f}, {wanted[1]:.2f}: {words}",
                 )
+
+
+async def _is_gone(case: Case, robot: Robot) -> None:
+    """Fail if the scanner still sees what has been killed: that is what is wrong then."""
+    await robot.run(1.0)
+    points = _points(await robot.sensor("RangeScanner"))
+    nearest = min((math.hypot(*at) for at in points), default=math.inf)
+    case.expect(
+        not points,
+        f"{len(points)} values of Range are still {nearest:.2f} m and more 1 s after Kill of what "
+        "stood there, not above 5 m: what is killed still blocks rays",
+    )
 
 
 def _is_scan(line: Line) -> bool:

@@ -6,12 +6,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.excursions import Equipment, Track, bearer, equipment, spawn_far
 from usarsim_conformance.grounds import lane
-from usarsim_conformance.ranging import SLACK, Beam, judge_beam, limit, ray, values_of, walls_for
+from usarsim_conformance.ranging import (
+    SLACK,
+    Beam,
+    explained,
+    judge_beam,
+    limit,
+    ray,
+    values_of,
+    walls_for,
+)
 from usarsim_conformance.registry import UNREAL, checks_of, unreal
 from usarsim_conformance.walls import (
     Builder,
@@ -28,13 +38,15 @@ measured = checks_of("control", reference="robots reference", dialects=UNREAL)
 
 
 async def _single(case: Case, type: str, least: bool) -> None:
-    found = await walls_for(case, type)
-    seen = 0
-    for scene, item, mount, text in values_of(found, type, "Range"):
-        beam = Beam(scene, item, item, *ray(mount), float(text))
-        judge_beam(case, found, type, "Range", beam, least)
-        seen += 1
-    case.need(seen > 3, f"too few {type} lines")
+    def judge(found: Surrounded) -> None:
+        seen = 0
+        for scene, item, mount, text in values_of(found, type, "Range"):
+            beam = Beam(scene, item, item, *ray(mount), float(text))
+            judge_beam(case, found, type, "Range", beam, least)
+            seen += 1
+        case.need(seen > 3, f"too few {type} lines")
+
+    explained(await walls_for(case, type), type, judge)
 
 
 @measured("values.ir-range", "IR measures the distance ahead of it", "2.2")
@@ -56,7 +68,10 @@ async def range_range(case: Case) -> None:
 async def sonar_range(case: Case) -> None:
     """Range of a sonar is the distance of a wall within its cone: that of its axis, or less where
     the wall is nearer within BeamAngle; MaxRange if there is none."""
-    found = await walls_for(case, "Sonar")
+    explained(await walls_for(case, "Sonar"), "Sonar", partial(_judge_sonar, case))
+
+
+def _judge_sonar(case: Case, found: Surrounded) -> None:
     seen = 0
     for scene, item, mount, text in values_of(found, "Sonar", "Range"):
         value, high = float(text), limit(found, "Sonar", item, "MaxRange")
@@ -64,7 +79,9 @@ async def sonar_range(case: Case) -> None:
         start, way = ray(mount)
         if scene.wall is None or abs(way[2]) > 0.1:
             case.expect(
-                abs(value - high) < SLACK, f"Range of {item} is {value:.3f} m, MaxRange {high:g}"
+                abs(value - high) < SLACK,
+                f"Range of {item} is {value:.3f} m with nothing before it, not MaxRange of CONF, "
+                f"{high:g} m",
             )
             continue
         length, _ = scene.wall.along(start, way)
@@ -72,7 +89,8 @@ async def sonar_range(case: Case) -> None:
         if away > math.pi / 2.0 + half + 0.1:
             case.expect(
                 abs(value - high) < SLACK,
-                f"Range of {item} is {value:.3f} m, the wall is behind it",
+                f"Range of {item} is {value:.3f} m with a wall behind it only, not MaxRange of "
+                f"CONF, {high:g} m",
             )
         if away > math.radians(60.0) or length == math.inf:
             continue
@@ -126,18 +144,26 @@ async def sonar_cone(case: Case) -> None:
             )
             wide = abs(math.remainder(two - one, math.tau)) / 2.0
             value = float(told[-1][1])
-            echo = value < limit(found, "Sonar", item, "MaxRange") - 0.2
+            high = limit(found, "Sonar", item, "MaxRange")
+            echo = value < high - 0.2
             off = f"a wall {math.degrees(middle):.0f} degrees off its axis"
-            if abs(middle) > half + wide + 0.06:
+            least, most = _away(wall, start)
+            if abs(middle) > half + wide + 0.06 and echo:
                 case.expect(
-                    not echo,
-                    f"Range of {item} is {value:.3f} m: it sees {off}, BeamAngle is {2 * half:.3f}",
+                    least - 0.1 < value < most + 0.1,
+                    f"Range of {item} is {value:.3f} m, neither MaxRange of CONF, {high:g} m, nor "
+                    f"the {least:.2f} to {most:.2f} m of {off}: a wrong Range, or a cone wider "
+                    f"than BeamAngle, {2 * half:.3f} rad, that meets something else",
+                )
+                case.fail(
+                    f"Range of {item} is {value:.3f} m, not MaxRange of CONF, {high:g} m: it sees "
+                    f"{off}, BeamAngle is {2 * half:.3f} rad"
                 )
             elif abs(middle) < 0.7 * half:
                 case.expect(
                     echo,
-                    f"Range of {item} is {value:.3f} m: it does not see {off}, BeamAngle is "
-                    f"{2 * half:.3f}",
+                    f"Range of {item} is {value:.3f} m, not {least:.2f} to {most:.2f} m: it does "
+                    f"not see {off}, BeamAngle is {2 * half:.3f} rad",
                 )
                 seen += 1
     case.need(seen > 3, "too few Sonar lines")
@@ -149,6 +175,16 @@ def _towards(wall: Wall, start: Vector, across: float) -> float:
     x = wall.distance * cos - across * sin - start[0]
     y = wall.distance * sin + across * cos - start[1]
     return math.atan2(y, x)
+
+
+def _away(wall: Wall, start: Vector) -> tuple[float, float]:
+    """Least and most distance of the wall's face from a place, m, at the height of that."""
+    cos, sin = math.cos(wall.bearing), math.sin(wall.bearing)
+    ahead = wall.distance - cos * start[0] - sin * start[1]
+    aside = cos * start[1] - sin * start[0]
+    ends = wall.left - aside, wall.right - aside
+    nearest = 0.0 if ends[0] < 0.0 < ends[1] else min(map(abs, ends))
+    return math.hypot(ahead, nearest), math.hypot(ahead, max(map(abs, ends)))
 
 
 def _scan(found: Surrounded, type: str, scenes: list[Scene]) -> Iterator[Beam]:
@@ -172,12 +208,14 @@ def _scan(found: Surrounded, type: str, scenes: list[Scene]) -> Iterator[Beam]:
 
 
 async def _scanner(case: Case, type: str, least: bool) -> None:
-    found = await walls_for(case, type)
-    seen = 0
-    for beam in _scan(found, type, found.of()):
-        judge_beam(case, found, type, "Range", beam, least)
-        seen += 1
-    case.need(seen > 10, f"too few {type} lines")
+    def judge(found: Surrounded) -> None:
+        seen = 0
+        for beam in _scan(found, type, found.of()):
+            judge_beam(case, found, type, "Range", beam, least)
+            seen += 1
+        case.need(seen > 10, f"too few {type} lines")
+
+    explained(await walls_for(case, type), type, judge)
 
 
 @measured(
@@ -209,7 +247,8 @@ async def scan_head(case: Case) -> None:
         beams = float(conf["Fov"]) / float(conf["Resolution"])
         count = len(line.numbers("Range"))
         case.expect(
-            beams - 1.5 < count < beams + 1.5, f"{count} ranges, Fov/Resolution {beams:.1f}"
+            beams - 1.5 < count < beams + 1.5,
+            f"Range of a scan has {count} values, Fov / Resolution of CONF is {beams:.1f}",
         )
 
 

@@ -29,21 +29,23 @@ async def climbs(case: Case) -> None:
     """Positive AltitudeVelocity climbs: z becomes smaller."""
     before, after = await _flown(case, "AltitudeVelocity", 1.0)
     rise = before.location[2] - after.location[2]
-    case.expect(rise > 0.3, f"it rose by {rise:.2f} m")
+    case.expect(rise > 0.3, f"it rose by {rise:.2f} m, not by more than 0.3")
 
 
 @unreal("aerial.forward", "LinearVelocity flies forward", "6, no. 151")
 async def flies_forward(case: Case) -> None:
     """Positive LinearVelocity flies forward."""
     before, after = await _flown(case, "LinearVelocity", 0.6)
-    case.expect(before.ahead(after)[0] > 0.15, f"it went {before.ahead(after)} m ahead and right")
+    ahead, _ = before.ahead(after)
+    case.expect(ahead > 0.15, f"it went {ahead:.2f} m ahead, not more than 0.15")
 
 
 @unreal("aerial.right", "LateralVelocity flies right", "6, no. 151")
 async def flies_right(case: Case) -> None:
     """Positive LateralVelocity flies to the right."""
     before, after = await _flown(case, "LateralVelocity", 0.6)
-    case.expect(before.ahead(after)[1] > 0.15, f"it went {before.ahead(after)} m ahead and right")
+    _, right = before.ahead(after)
+    case.expect(right > 0.15, f"it went {right:.2f} m to the right, not more than 0.15")
 
 
 @unreal("aerial.turns", "RotationalVelocity turns clockwise", "6, no. 151 and 152")
@@ -53,7 +55,7 @@ async def turns(case: Case) -> None:
     value = 0.8 if case.dialect == "ut2004" else math.degrees(0.8)
     before, after = await _flown(case, "RotationalVelocity", value, 1.0)
     turn = turned(before.yaw, after.yaw)
-    case.expect(0.3 < turn < 1.6, f"it turned by {turn:.2f} rad, clockwise positive, in 1 s")
+    case.expect(0.3 < turn < 1.6, f"yaw changed by {turn:.2f} rad in 1 s, not by 0.3 to 1.6")
 
 
 @unreal("aerial.hovers", "Zeros hover", "6, no. 151")
@@ -61,7 +63,7 @@ async def hovers(case: Case) -> None:
     """With all velocities zero the robot stays where it is in the air."""
     before, after = await _flown(case, "AltitudeVelocity", 0.0)
     away = math.dist(before.location, after.location)
-    case.expect(away < 0.25, f"it drifted by {away:.2f} m")
+    case.expect(away < 0.25, f"it drifted by {away:.2f} m, not by less than 0.25")
 
 
 async def _steered(case: Case, *commands: str) -> tuple[float, Line]:
@@ -78,21 +80,21 @@ async def _steered(case: Case, *commands: str) -> tuple[float, Line]:
 async def car_drives(case: Case) -> None:
     """`DRIVE {Speed v} {FrontSteer 0} {RearSteer 0}` drives a car forward."""
     ahead, _ = await _steered(case, "DRIVE {Speed 2} {FrontSteer 0} {RearSteer 0}")
-    case.expect(ahead > 0.05, f"it went {ahead:.2f} m forward")
+    case.expect(ahead > 0.05, f"it went {ahead:.2f} m forward, not more than 0.05")
 
 
 @ut2004("ackerman.speed-alone", "Speed alone drives a car", "6, no. 149", exclusive=True)
 async def speed_alone(case: Case) -> None:
     """In ut2004 Speed alone works."""
     ahead, _ = await _steered(case, "DRIVE {Speed 2}")
-    case.expect(ahead > 0.05, f"it went {ahead:.2f} m forward")
+    case.expect(ahead > 0.05, f"it went {ahead:.2f} m forward, not more than 0.05")
 
 
 @udk("ackerman.all-three", "All three are needed in udk", "6, no. 149", exclusive=True)
 async def all_three(case: Case) -> None:
     """In udk a car needs Speed, FrontSteer and RearSteer; one alone does nothing."""
     ahead, _ = await _steered(case, "DRIVE {Speed 2}")
-    case.expect(abs(ahead) < 0.03, f"it went {ahead:.2f} m forward")
+    case.expect(abs(ahead) < 0.03, f"it went {ahead:.2f} m forward, not less than 0.03")
 
 
 @unreal("ackerman.steer-limits", "Steering stays within limits", "6, no. 149", exclusive=True)
@@ -100,7 +102,7 @@ async def steer_limits(case: Case) -> None:
     """A steering angle beyond the limits of CONF stops at them."""
     _, status = await _steered(case, "DRIVE {Speed 0} {FrontSteer 9} {RearSteer 9}")
     for name in ("FrontSteer", "RearSteer"):
-        case.expect(abs(status.number(name)) < 1.6, f"{name} is {status.get(name)}")
+        case.expect(abs(status.number(name)) < 1.6, f"{name} is {status.get(name)}, not within 1.6")
 
 
 @ut2004("flippers.multidrive", "MULTIDRIVE moves flippers", "6, no. 154")

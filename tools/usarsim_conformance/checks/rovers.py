@@ -139,8 +139,9 @@ async def sides(case: Case) -> None:
             turning = trip[leg].turning
             case.expect(
                 sign * turning > 0.01,
-                f"{trip.class_name} with {trip[leg].command}: yaw changes by {turning:.3f} rad/s: "
-                "Left and Right",
+                f"{trip.class_name} with {trip[leg].command}: yaw changes by {turning:.3f} "
+                f"rad/s, which should be {'above 0.01' if sign > 0 else 'below -0.01'}: Left and "
+                "Right",
             )
 
 
@@ -214,7 +215,8 @@ async def mass(case: Case) -> None:
         judged += 1
         found = trip.conf.number("Mass")
         case.expect(
-            near(found, wanted, 0.2), f"Mass of {trip.class_name} is {found} kg, not {wanted}"
+            near(found, wanted, 0.2),
+            f"Mass of CONF of {trip.class_name} is {found} kg, not {wanted}, as its class has",
         )
     if not judged:
         case.skip("the mass of none of the classes is known")
@@ -233,7 +235,7 @@ async def max_torque(case: Case) -> None:
         found = trip.conf.number("MaxTorque")
         case.expect(
             wanted is None or near(found, wanted, 0.01),
-            f"MaxTorque of {trip.class_name} is {found}, not {wanted}",
+            f"MaxTorque of CONF of {trip.class_name} is {found}, not {wanted}, as its class has",
         )
 
 
@@ -242,7 +244,10 @@ async def steering_type(case: Case) -> None:
     """SteeringType of CONF is SkidSteered for robots that Left and Right drive."""
     for trip in await _tours(case):
         found = trip.conf.get("SteeringType")
-        case.expect(found == "SkidSteered", f"SteeringType of {trip.class_name} is {found}")
+        case.expect(
+            found == "SkidSteered",
+            f"SteeringType of {trip.class_name} is {found}, not SkidSteered",
+        )
 
 
 @once("conf.dialects-agree", "Dialects tell the same numbers", "4.7 and 4.8", Severity.SHOULD)
@@ -289,6 +294,11 @@ async def upright(case: Case) -> None:
         case.need(moments, f"{trip.class_name} has no GroundTruth")
         lean = max(max(abs(one.pitch), abs(one.roll)) for one in moments)
         heights = [one.location[2] for one in moments]
-        case.expect(lean < 0.15, f"{trip.class_name} leans by {lean:.2f} rad: pitch or roll")
+        case.expect(
+            lean < 0.15,
+            f"{trip.class_name} leans by {lean:.2f} rad, not by less than 0.15: pitch or roll",
+        )
         rise = max(heights) - min(heights)
-        case.expect(rise < 0.06, f"z of {trip.class_name} changes by {rise:.3f} m")
+        case.expect(
+            rise < 0.06, f"z of {trip.class_name} changes by {rise:.3f} m, not by less than 0.06"
+        )

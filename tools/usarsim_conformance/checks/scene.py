@@ -49,6 +49,7 @@ class _Scene:
     """Pictures of a red cube to the right, high, and a blue one to the left, low."""
 
     tile: Tile  # of the camera, as CONF told it at first
+    above: float  # m from the robot's reference point up to the camera, by GEO
     narrow: float = math.nan  # field of view that CONF told after SET, degrees
     pictures: dict[str, Pixels] = field(default_factory=dict)
     """By name: full, zoomed, again, link 1, link 2."""
@@ -76,7 +77,7 @@ async def _look(case: Case, lot: Place) -> _Scene:
     world = await controller(case)
     watcher = await camera_robot(case, place=lot)
     robot, tile = watcher.robot, watcher.tile
-    await _looks_ahead(case, robot, tile.name)
+    above = await _looks_ahead(case, robot, tile.name)
     await robot.run(1.5)
     pose = await robot.pose()
     here = Place(None, pose.location, (0.0, 0.0, pose.yaw))
@@ -86,7 +87,7 @@ async def _look(case: Case, lot: Place) -> _Scene:
         place = here.moved(_AHEAD + _SIDE / 2.0, right, -up)
         await create(case, world, place, (_SIDE,) * 3, f" {{Material {colour}}}")
     await robot.run(0.6)
-    scene = _Scene(tile)
+    scene = _Scene(tile, above)
 
     async def shoot(name: str, unlike: Pixels) -> None:
         """A picture of both cubes that has changed and does not any more: frames may be old."""
@@ -124,8 +125,11 @@ async def _look(case: Case, lot: Place) -> _Scene:
     return scene
 
 
-async def _looks_ahead(case: Case, robot: Robot, camera: str) -> None:
+async def _looks_ahead(case: Case, robot: Robot, camera: str) -> float:
     """The cubes are where a camera near the reference point sees them that looks straight ahead.
+
+    Returns:
+        m from the reference point up to the camera.
 
     Raises:
         NotApplicable: for any other camera.
@@ -138,6 +142,7 @@ async def _looks_ahead(case: Case, robot: Robot, camera: str) -> None:
     turned = max(abs(math.remainder(angle, math.tau)) for angle in numbers(item["Orientation"]))
     if away > _NEAR or turned > _STRAIGHT:
         case.skip(f"{camera} is {away:.2f} m from the middle, turned by {turned:.2f} rad")
+    return -numbers(item.get("Location"))[2]
 
 
 def _difference(one: Pixels, other: Pixels) -> float:
@@ -190,26 +195,81 @@ def _spot(picture: Pixels, channel: int) -> tuple[float, float]:
     return float(columns.mean()), float(rows.mean())
 
 
-async def _spots(case: Case, name: str = "full") -> tuple[_Scene, tuple[float, ...]]:
-    """The scene, and column and row of the red and of the blue cube in a picture."""
+Spot = tuple[float, float]
+"""Column and row, pixels."""
+
+
+def _places(scene: _Scene, name: str = "full") -> tuple[Spot, Spot]:
+    """Where the red and the blue cube belong in a picture, by CameraFov and GEO."""
+    height, width = scene.pictures[name].shape[:2]
+    fov = scene.narrow if name == "zoomed" else scene.tile.fov
+    scale = width / 2.0 / math.tan(math.radians(fov) / 2.0) / (_AHEAD - _EYE)
+    red, blue = (
+        (width / 2.0 + scale * right, height / 2.0 - scale * (up - scene.above))
+        for right, up in ((_ASIDE, _HIGH), (-_ASIDE, _LOW))
+    )
+    return red, blue
+
+
+@dataclass(frozen=True, slots=True)
+class Arrangement:
+    """How a picture comes from the right one."""
+
+    exchanged: bool  # red and blue
+    mirrored: bool  # left and right
+    inverted: bool  # top and bottom
+
+
+def arrangement(
+    seen: tuple[Spot, Spot], right: tuple[Spot, Spot], size: tuple[int, int]
+) -> Arrangement:
+    """The one of eight arrangements of a picture that explains best what is seen; the plainer one
+    of two that explain it equally well.
+
+    Args:
+        seen: column and row of what is red, and of what is blue.
+        right: where they belong.
+        size: width and height of the picture, pixels.
+    """
+
+    def off(found: Arrangement) -> tuple[float, int]:
+        spots = [
+            (size[0] - x if found.mirrored else x, size[1] - y if found.inverted else y)
+            for x, y in seen
+        ]
+        spots = spots[::-1] if found.exchanged else spots
+        faults = found.exchanged + found.mirrored + found.inverted
+        return sum(map(math.dist, spots, right)), faults
+
+    flags = (False, True)
+    return min((Arrangement(a, b, c) for a in flags for b in flags for c in flags), key=off)
+
+
+async def _spots(case: Case, name: str = "full") -> tuple[_Scene, tuple[float, ...], Arrangement]:
+    """The scene, column and row of the red and of the blue cube in a picture, and how the picture
+    comes from the right one. Exchanged colours are put right: one check is about them."""
     scene = await _scene(case)
     found = *_spot(scene.pictures[name], 0), *_spot(scene.pictures[name], 2)
     case.need(
         not any(map(math.isnan, found)),
         f"the cubes before the camera cannot be told by their colours ({name}): {found}",
     )
-    return scene, found
+    height, width = scene.pictures[name].shape[:2]
+    how = arrangement((found[:2], found[2:]), _places(scene, name), (width, height))
+    return scene, (*found[2:], *found[:2]) if how.exchanged else found, how
 
 
 @images("content.colours", "Red is red and blue is blue", "11.15, 2.4")
 async def colours(case: Case) -> None:
     """Of a red cube and a blue one before a camera, the higher one, to the right, is the red one in
     the picture, too: red and blue are not exchanged."""
-    _, (red_x, red_y, blue_x, blue_y) = await _spots(case)
+    scene, (red_x, red_y, blue_x, blue_y), how = await _spots(case)
+    (right, high), (left, low) = _places(scene)
     case.expect(
-        red_x > blue_x or red_y < blue_y,
-        f"red is at {red_x:.0f}, {red_y:.0f}, blue at {blue_x:.0f}, {blue_y:.0f}, but the red cube "
-        "stands to the right and higher: red and blue are exchanged",
+        not how.exchanged,
+        f"what is red is at column {blue_x:.0f}, row {blue_y:.0f}, not near {right:.0f}, "
+        f"{high:.0f}; what is blue at {red_x:.0f}, {red_y:.0f}, not near {left:.0f}, {low:.0f}: "
+        "red and blue are exchanged",
     )
 
 
@@ -217,24 +277,26 @@ async def colours(case: Case) -> None:
 async def left_right(case: Case) -> None:
     """A cube to the right of the camera is in the right half of the picture, one to the left in the
     left half: it is not mirrored."""
-    scene, (red, _, blue, _) = await _spots(case)
+    scene, (red, _, blue, _), how = await _spots(case)
     middle = scene.pictures["full"].shape[1] / 2.0
+    (right, _), (left, _) = _places(scene)
     case.expect(
-        max(red, blue) > middle > min(red, blue) and red > blue,
-        f"the right cube is in column {red:.0f}, the left one in {blue:.0f} of {2 * middle:.0f}: "
-        "the picture is mirrored",
+        red > middle > blue,
+        f"the right cube is in column {red:.0f} of {2 * middle:.0f}, not near {right:.0f}; the "
+        f"left one in {blue:.0f}, not near {left:.0f}" + ": the picture is mirrored" * how.mirrored,
     )
 
 
 @images("content.top-bottom", "Up is up", "11.16, 2.4")
 async def top_bottom(case: Case) -> None:
     """A cube above the camera is in the upper half of the picture, and above a lower one."""
-    scene, (_, red, _, blue) = await _spots(case)
+    scene, (_, red, _, blue), how = await _spots(case)
     middle = scene.pictures["full"].shape[0] / 2.0
+    (_, high), (_, low) = _places(scene)
     case.expect(
         red < middle and red < blue,
-        f"the high cube is in row {red:.0f}, the low one in {blue:.0f} of {2 * middle:.0f}: the "
-        "picture is upside down",
+        f"the high cube is in row {red:.0f} of {2 * middle:.0f}, not near {high:.0f}; the low one "
+        f"in {blue:.0f}, not near {low:.0f}" + ": the picture is upside down" * how.inverted,
     )
 
 
@@ -244,7 +306,7 @@ async def angle_of_view(case: Case) -> None:
     horizontal angle of view, puts them, beside and above each other, within 8 percent of the width;
     and so they are at another one after SET FOV."""
     for name in ("full", "zoomed"):
-        scene, (red_x, red_y, blue_x, blue_y) = await _spots(case, name)
+        scene, (red_x, red_y, blue_x, blue_y), _ = await _spots(case, name)
         fov = scene.tile.fov if name == "full" else scene.narrow
         width = scene.pictures[name].shape[1]
         focal = width / 2.0 / math.tan(math.radians(fov) / 2.0)
@@ -265,13 +327,13 @@ async def angle_of_view(case: Case) -> None:
 async def mount(case: Case) -> None:
     """A link of the package that carries the camera, told to turn by 0.25 rad about its axis of
     GEO, shifts the picture so much and to that side, within a quarter."""
-    scene, before = await _spots(case)
+    scene, before, _ = await _spots(case)
     if not scene.looks:
         case.skip("no package that is told of carries the camera")
     width = scene.pictures["full"].shape[1]
     focal = width / 2.0 / math.tan(math.radians(scene.tile.fov) / 2.0)
     for number, (right, down) in enumerate(scene.looks, 1):
-        _, after = await _spots(case, f"link {number}")
+        _, after, _ = await _spots(case, f"link {number}")
         shift = ((after[0] + after[2] - before[0] - before[2]) / 2.0,
                  (after[1] + after[3] - before[1] - before[3]) / 2.0)  # fmt: skip
         far = focal * math.tan(_TURNED)

@@ -183,7 +183,8 @@ async def status(case: Case) -> None:
                 wanted, found = _number(trip, leg, name), trip[leg].status.number(name)
                 case.expect(
                     abs(found - wanted) < 0.03,
-                    f"{trip.class_name} with {trip[leg].command}: {name} of STA is {found}",
+                    f"{trip.class_name} with {trip[leg].command}: {name} of STA is {found}, not "
+                    f"{wanted:g}",
                 )
 
 
@@ -214,7 +215,10 @@ async def steering_type(case: Case) -> None:
     """SteeringType of CONF is AckermanSteered for cars."""
     for trip in await _cars(case):
         found = trip.conf.get("SteeringType")
-        case.expect(found == "AckermanSteered", f"SteeringType of {trip.class_name} is {found}")
+        case.expect(
+            found == "AckermanSteered",
+            f"SteeringType of {trip.class_name} is {found}, not AckermanSteered",
+        )
 
 
 VESSELS = ("Submarine",)
@@ -274,13 +278,13 @@ async def propeller(case: Case) -> None:
         case.expect(
             ahead > 0.1 and abs(right) < 0.2 * ahead + 0.05,
             f"{trip.class_name} with {trip['ahead'].command} goes {ahead:.2f} m/s ahead and "
-            f"{right:.2f} m/s right: Propeller",
+            f"{right:.2f} m/s right, not above 0.1 ahead and straight on: Propeller",
         )
         before, after = trip["rise"].velocity[0], trip["back"].velocity[0]
         case.expect(
             after < before - 0.1,
             f"{trip.class_name} with {trip['back'].command} goes {after:.2f} m/s ahead, "
-            f"{before:.2f} before: Propeller",
+            f"which should be below {before - 0.1:.2f}, for it was {before:.2f} before: Propeller",
         )
 
 
@@ -327,8 +331,8 @@ async def rudder(case: Case) -> None:
             turning = trip[leg].turning
             case.expect(
                 sign * turning > 0.02,
-                f"{trip.class_name} with {trip[leg].command}: yaw changes by {turning:.3f} rad/s:"
-                " Rudder",
+                f"{trip.class_name} with {trip[leg].command}: yaw changes by {turning:.3f} rad/s, "
+                f"which should be {'above 0.02' if sign > 0 else 'below -0.02'}: Rudder",
             )
 
 
@@ -341,15 +345,15 @@ async def stern_plane(case: Case) -> None:
             pitch = trip[leg].moments[-1].pitch
             case.expect(
                 sign * pitch < -0.02,
-                f"{trip.class_name} with {trip[leg].command} has a pitch of {pitch:.2f} rad: "
-                "SternPlane",
+                f"{trip.class_name} with {trip[leg].command} has a pitch of {pitch:.2f} rad, which "
+                f"should be {'below -0.02' if sign > 0 else 'above 0.02'}: SternPlane",
             )
         late = trip["dive"].moments[-len(trip["dive"].moments) // 4 :]
         down = late[-1].location[2] - late[0].location[2]
         case.expect(
             down > 0.01,
-            f"{trip.class_name} with {trip['dive'].command} sinks by {down:.2f} m at last: "
-            "SternPlane",
+            f"{trip.class_name} with {trip['dive'].command} sinks by {down:.2f} m at last, "
+            "which should be above 0.01: SternPlane",
         )
 
 
@@ -391,6 +395,6 @@ async def depth(case: Case) -> None:
         leg = trip["rest"]
         case.expect(
             abs(leg.velocity[2]) < 0.05 and abs(leg.turning) < 0.05,
-            f"{trip.class_name} at rest sinks by {leg.velocity[2]:.3f} m/s and turns by "
-            f"{leg.turning:.3f} rad/s",
+            f"{trip.class_name} with {leg.command} sinks by {leg.velocity[2]:.3f} m/s and turns by "
+            f"{leg.turning:.3f} rad/s, neither of which should be beyond 0.05",
         )

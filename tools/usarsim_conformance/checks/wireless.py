@@ -271,9 +271,20 @@ async def leaver(case: Case) -> None:
 _EVERY_BYTE = bytes(range(256)) * 16
 
 
+def _other_bytes(found: bytes, sent: bytes) -> str:
+    """How what arrived differs from what was sent."""
+    pairs = enumerate(zip(found, sent, strict=False))
+    first = next((at for at, (one, other) in pairs if one != other), min(len(found), len(sent)))
+    return (
+        f"{len(found)} of {len(sent)} bytes arrived; from byte {first + 1} on they are "
+        f"{found[first : first + 8].hex(' ') or 'nothing'}, not "
+        f"{sent[first : first + 8].hex(' ') or 'nothing'}"
+    )
+
+
 async def _received(case: Case, wire: Wire, data: bytes, way: str) -> None:
     found = await wire.read_exactly(len(data), side_lines.CARRIES)
-    case.expect(found == data, f"{len(data)} bytes were changed {way}")
+    case.expect(found == data, f"{way} {_other_bytes(found, data)}")
 
 
 @wireless("dns.form", "DNS tells a port", "4.2")
@@ -361,9 +372,7 @@ async def there(case: Case) -> None:
         wire, guest = await one.call(other)
         await wire.send(_EVERY_BYTE)
         data = await guest.read(len(_EVERY_BYTE))
-        case.expect(
-            data == _EVERY_BYTE, f"{len(data)} of {len(_EVERY_BYTE)} bytes, or changed ones"
-        )
+        case.expect(data == _EVERY_BYTE, _other_bytes(data, _EVERY_BYTE))
 
 
 @wireless("relay.back", "Bytes come back", "11.73, 4.3")
@@ -383,7 +392,7 @@ async def much(case: Case) -> None:
         wire, guest = await one.call(other)
         await wire.send(data)
         found = await guest.read(len(data))
-        case.expect(found == data, f"{len(found)} of {len(data)} bytes arrived, or out of order")
+        case.expect(found == data, _other_bytes(found, data))
 
 
 @wireless("relay.hangup", "The end of one side ends the other", "4.3")
@@ -411,7 +420,7 @@ async def half_close(case: Case) -> None:
         await wire.send(_EVERY_BYTE * 8)
         wire.half_close()
         found = await guest.read(len(_EVERY_BYTE) * 8 + 1)
-        case.expect(found == _EVERY_BYTE * 8, f"{len(found)} of {len(_EVERY_BYTE) * 8} bytes came")
+        case.expect(found == _EVERY_BYTE * 8, _other_bytes(found, _EVERY_BYTE * 8))
 
 
 @wireless("relay.several", "Several connections of a pair", "4.3", Severity.SHOULD)
@@ -423,7 +432,8 @@ async def several(case: Case) -> None:
             await wire.send(bytes([number]) * 1000)
         for number, (_, guest) in enumerate(pairs):
             data = await guest.read(1000)
-            case.expect(data == bytes([number]) * 1000, f"connection {number + 1} got other bytes")
+            sent = bytes([number]) * 1000
+            case.expect(data == sent, f"connection {number + 1}: {_other_bytes(data, sent)}")
 
 
 @wireless("relay.refused", "The other does not listen", "4.3")

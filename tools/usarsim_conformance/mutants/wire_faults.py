@@ -30,6 +30,7 @@ class WireFault:
     dialect: str  # to judge in, for checks to which it matters
     robot: str  # class of the robots of most checks
     server: str  # `own` for our own server, `images` for one for pictures, `raw` for raw ones
+    says: str  # pattern that the check's message fits: what is wrong, and the right value
 
 
 _FAULTS: dict[str, WireFault] = {}
@@ -53,6 +54,7 @@ def enter(
     dialect: str = "ut2004",
     robot: str = "P2AT",
     server: str = "",
+    says: str = "",
 ) -> None:
     """Enter a fault; see `WireFault`. By default it is one of the service that the check is of."""
     count = sum(fault.check == check for fault in _FAULTS.values())
@@ -65,6 +67,7 @@ def enter(
         dialect=dialect,
         robot=robot,
         server=server or ("images" if check.startswith("images") else "own"),
+        says=says,
     )
 
 

@@ -249,18 +249,41 @@ def _unpadded(unit: bytes) -> bytes:
     return _frame(unit[0], unit[5:9] + b"".join(rows))
 
 
-_reframed("images.header.length", lambda unit: unit[:1] + len(unit).to_bytes(4) + unit[5:])
+_LENGTH = r"length in the header.* is \d+\b.*\b\d+ bytes of payload follow"
+"""What is named, and what comes."""
+_reframed(
+    "images.header.length",
+    lambda unit: unit[:1] + len(unit).to_bytes(4) + unit[5:],
+    says=_LENGTH,
+)
 _reframed(
     "images.header.length",
     lambda unit: unit[:1] + (len(unit) - 5).to_bytes(4, "little") + unit[5:],
+    says="little-endian",
 )
+
+
+def _long(more: int) -> type[Link]:
+    class Long(Link):
+        """The length in every header is that of the payload and some bytes more."""
+
+        def said(self, unit: bytes) -> bytes:
+            return unit[:1] + (len(unit) - 5 + more).to_bytes(4) + unit[5:]
+
+    return Long
+
+
+wire_fault("images.header.length", says=_LENGTH)(_long(4))
+wire_fault("images.header.length", says=_LENGTH)(_long(-4))
 _reframed("images.header.one-type", lambda unit: unit if len(unit) > 5000 else b"\x04" + unit[1:])
 _reframed("images.rectangle.outside", lambda unit: unit if len(unit) > 5 else b"")
 _reframed("images.jpeg.markers", lambda unit: _frame(unit[0], unit[5:-2]))
 _reframed("images.raw.padding", _unpadded, server="raw")
 
 
-@wire_fault("images.content.moves")
+@wire_fault(
+    "images.content.moves", says=r"differs by 0\.00 of 255 .* not by more than 0\.50.* stale"
+)
 class Frozen(Link):
     """Pictures of a size are for ever the first one."""
 
