@@ -47,6 +47,7 @@ def read_text(text: str) -> Recording:
 
 
 HEADER = '{"usarsim_recording": 1, "taken": "2026", "links": [{"listen": 1, "to": "h:2"}]}\n'
+DATA = '{{"t": 1, "connection": 1, "event": "data", "text": {}}}'
 OPEN = '{"t": 0, "connection": 1, "event": "open", "link": 0}\n'
 
 
@@ -60,6 +61,9 @@ OPEN = '{"t": 0, "connection": 1, "event": "open", "link": 0}\n'
         (HEADER + OPEN.replace('"link": 0', '"link": 3'), "line 2: is no event (there is no link"),
         (HEADER + OPEN.replace("open", "end"), "connection 1 was never opened"),
         (HEADER + OPEN + OPEN.replace("open", "data") + "\n", "line 3: is no event (no 'base64')"),
+        (HEADER + OPEN + DATA.format(1) + "\n", "line 3: is no event (text is 1, no text)"),
+        (HEADER + OPEN.replace('"link": 0', '"link": 1e999') + "\n", "line 2: is no event (cannot"),
+        (HEADER.replace('"listen": 1', '"listen": 1e999'), "line 1: is no recording"),
     ],
 )
 def test_bad_files_are_one_error(

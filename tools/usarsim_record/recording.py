@@ -196,7 +196,7 @@ def read(path: Path) -> Recording:
         try:
             event = _event(parse_json(text))
             _check(event, known, len(links))
-        except (ValueError, KeyError, TypeError, binascii.Error) as error:
+        except (ValueError, KeyError, TypeError, OverflowError, binascii.Error) as error:
             if number == len(texts):
                 break  # cut off: whoever wrote it was killed
             what = f"no {error}" if isinstance(error, KeyError) else str(error)
@@ -216,7 +216,7 @@ def _header(path: Path, text: str) -> tuple[tuple[Link, ...], str]:
             )
         links = tuple(Link.parse(int(one["listen"]), str(one["to"])) for one in header["links"])
         return links, str(header["taken"])
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, OverflowError):
         raise RecordError(f"{path}: line 1: is no recording of `usarsim record`") from None
 
 
@@ -227,8 +227,12 @@ def _event(line: dict[str, Any]) -> Event:
     data = b""
     if kind == DATA:
         text = line.get("text")
-        encoded = text.encode("ascii") if text is not None else line["base64"]
-        data = encoded if text is not None else base64.b64decode(encoded, validate=True)
+        if text is None:
+            data = base64.b64decode(line["base64"], validate=True)
+        elif isinstance(text, str):
+            data = text.encode("ascii")
+        else:
+            raise ValueError(f"text is {text!r}, no text")
     link = int(line["link"]) if kind == OPEN else 0
     return Event(float(line["t"]), int(line["connection"]), kind, side, data, link)
 
