@@ -180,6 +180,8 @@ class Surrounded:
     scenes: tuple[Scene, ...]
     """`open` floor; a wall `ahead`, `half` of it on the left, a `low` one, `right`, `behind`,
     `left`, a `narrow` one all around, `far` ones near the ends of ranges."""
+    floor: float = math.inf
+    """z of the floor in the robot's frame; inf if nothing stands on it, or nobody looked."""
 
     def of(self, *names: str) -> list[Scene]:
         """Scenes of these names; all without one."""
@@ -307,6 +309,9 @@ async def among_walls(case: Case, class_name: str, round_about: bool = False) ->
         robot = await spawn_far(case, class_name, base)
         height = (await robot.pose()).location[2]
         builder = Builder(case, client, base, height)
+        floor = math.inf
+        if not round_about:
+            floor = await _floor(case, client, base.moved(forward=-2.0, down=-1.0)) - height
         scenes = [await _scene(robot, "open", None, ())]
         if round_about:
             for step in range(round(math.tau / _STEP)):
@@ -315,10 +320,21 @@ async def among_walls(case: Case, class_name: str, round_about: bool = False) ->
         else:
             scenes += await _about(robot, builder, worn)
         name = builder.name
-        return Surrounded(worn, base, height, name, tuple(scenes))
+        seen = floor if floor > 0.0 else math.inf  # what hangs in the air stands on none
+        return Surrounded(worn, base, height, name, tuple(scenes), seen)
 
     key = "in a circle of walls" if round_about else "among walls"
     return await case.shared(f"{class_name} {key}", build)
+
+
+async def _floor(case: Case, client: ControlClient, above: Place) -> float:
+    """z of what a block stands on that is put above it (protocol reference 3.14)."""
+    size = 0.2
+    name = await create(case, client, above, (size,) * 3, " {Physics Ground}")
+    stands = (await status_of(client, name)).numbers("Location")[2] + size / 2.0
+    await client.send(f"CONTROL {{Type Kill}} {{Name {name}}}")
+    await status_of(client, "NoSuchObject")
+    return stands
 
 
 async def _about(robot: Robot, builder: Builder, worn: Equipment) -> list[Scene]:
