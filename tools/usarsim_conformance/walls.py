@@ -32,12 +32,16 @@ async def controller(case: Case) -> ControlClient:
     await client.send("CONTROL {Type GetSTA} {Name NoSuchObject}")
     if await client.maybe(lambda line: line.head == "STA") is None:
         case.skip("the server has no world controller")
+    client.least_wall = _BUILDS_LEAST_WALL
     return client
 
 
 _BUILDS = 45.0
 """s of simulated time for an answer behind a Create: servers may build what is new beside the
 running world, one thing after the other."""
+_BUILDS_LEAST_WALL = 20.0
+"""s of wall time that it has at least: things are built in real time, also where 45 s of simulated
+time pass in a second."""
 
 
 async def status_of(client: ControlClient, name: str) -> Line:
