@@ -58,16 +58,16 @@ def test_sensors_that_look_at_the_floor(
     conf = "{MaxRange 1.500} {MinRange 0.050} {BeamAngle 0.349}"
     place = f"{{Location 0.10,0.00,0.01}} {{Orientation 0.00,{-down:.4f},0.00}}"
 
-    def judge(value: float) -> None:
+    async def judge(value: float) -> None:
         async def walls_for(case: Case, type: str) -> Surrounded:
             return _among_walls(type, conf, place, value)
 
         monkeypatch.setattr(ranges, "walls_for", walls_for)
-        asyncio.run(check(_CASE))
+        await check(_CASE)
 
-    judge(right)
+    asyncio.run(judge(right))
     with pytest.raises(Failed, match=f"Range of S is {wrong:.3f} m"):
-        judge(wrong)
+        asyncio.run(judge(wrong))
 
 
 @pytest.mark.parametrize(("distance", "seen"), [(0.3, False), (0.35, True)])
