@@ -322,10 +322,15 @@ def test_what_is_needed_now_and_then(rig: Rig) -> None:
     fov = math.radians(40.0)
     until(lambda: page.evaluate(row)["camera"]["fov"] == pytest.approx(fov, abs=1e-3))
 
+    remove = page.locator("[data-do=remove]")
+    rig.choose("Ken")
+    assert remove.evaluate("(one) => { one.click(); return one.textContent; }") == "Remove Ken?"
+    rig.choose("Pan")  # the question is about Ken
     for name in ("Pan", "Ken"):
         rig.choose(name)
-        page.click("[data-do=remove]")
-        page.click(f"[data-do=remove]:has-text('Remove {name}?')")
+        assert remove.evaluate("(one) => one.textContent") == "Remove this one"
+        twice = "(one) => { one.click(); const said = one.textContent; one.click(); return said; }"
+        assert remove.evaluate(twice) == f"Remove {name}?"
         page.wait_for_selector(f'[data-tile="{name}"]', state="detached")
     page.click("[data-more] summary")
 

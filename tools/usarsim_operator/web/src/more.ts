@@ -219,15 +219,28 @@ function joinForm(store: Store, link: Link): HTMLElement {
   return form;
 }
 
+/** Asks for three seconds, about the robot that is chosen then: another one is asked about anew. */
 function removeButton(store: Store, ask: Ask): HTMLButtonElement {
-  let sure = Number.NEGATIVE_INFINITY;
+  let asked: string | undefined;
+  let timer: number | undefined;
+  const forget = (): void => {
+    window.clearTimeout(timer);
+    asked = undefined;
+    say(b, "Remove this one");
+    mark(b, "data-sure", false);
+  };
   const b = button("Remove this one", "remove", () => {
-    const yes = pageTime() - sure < 3;
-    sure = yes ? Number.NEGATIVE_INFINITY : pageTime();
-    if (yes) ask({ type: "remove" });
-    say(b, yes ? "Remove this one" : `Remove ${store.selected}?`);
-    mark(b, "data-sure", !yes);
-    setTimeout(() => say(b, "Remove this one"), 3000);
+    const yes = asked === store.selected;
+    forget();
+    if (yes) {
+      ask({ type: "remove" });
+      return;
+    }
+    asked = store.selected;
+    say(b, `Remove ${asked}?`);
+    mark(b, "data-sure", true);
+    timer = window.setTimeout(forget, 3000);
   });
+  store.on("select", forget);
   return b;
 }
