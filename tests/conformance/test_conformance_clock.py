@@ -306,3 +306,26 @@ def test_what_is_made_in_real_time_is_waited_for_in_both() -> None:
             await never
 
     told(story)
+
+
+def test_what_is_built_in_real_time_is_waited_for_in_both() -> None:
+    """A world controller's answer may take wall time as well; silence is told by simulated time."""
+
+    async def story(
+        clock: SimulatedClock, robot: asyncio.StreamWriter, wire: Wire, other: asyncio.StreamWriter
+    ) -> None:
+        await tell(clock, robot, 10.0)
+        client = ControlClient(wire)
+        client.least_wall = PATIENCE
+        waiting = asyncio.create_task(client.wait("STA", 1.0))
+        for time in range(11, 20):
+            await tell(clock, robot, float(time))
+        assert not waiting.done()
+        other.write(status(1.0))
+        assert (await waiting).time == 1.0
+        silence = asyncio.create_task(client.listen(1.0))
+        for time in range(20, 30):
+            await tell(clock, robot, float(time))
+        assert await silence == []
+
+    told(story)

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import re
+from collections import Counter
 from collections.abc import Awaitable, Callable, Mapping
-from typing import Protocol
+from types import SimpleNamespace
+from typing import Protocol, cast
 
 import pytest
 
 from usarsim_conformance import registry
-from usarsim_conformance.case import Case
+from usarsim_conformance.case import Case, Run
+from usarsim_conformance.checks import comserver
+from usarsim_conformance.clock import SimulatedClock
+from usarsim_conformance.places import Place, Places
 from usarsim_conformance.registry import (
     Check,
     Failed,
@@ -249,3 +254,103 @@ def test_an_unreachable_server() -> None:
 def test_severities_are_used() -> None:
     """Rules differ in how bad it is to break them."""
     assert {one.severity for one in all_checks()} == set(Severity)
+
+
+class _Clock:
+    """Time that passes at once."""
+
+    async def sleep(self, seconds: float) -> None:
+        await asyncio.sleep(0)
+
+
+@pytest.mark.parametrize("places", [2, 3])
+def test_checks_that_want_two_places_do_not_wait_for_each_other(places: int) -> None:
+    """More of them than there are places are done one after the other, while what is made for all
+    gets the last place; the only place of a server is for everybody."""
+
+    async def work(among: Places, first_last: bool, count: int) -> None:
+        taken = [await among.take(last=first_last)]
+        for _ in range(count - 1):
+            await asyncio.sleep(0)
+            taken.append(await among.take(last=True))
+        for place in taken:
+            among.give_back(place)
+
+    async def all_work() -> None:
+        among = Places([Place(str(n)) for n in range(places)], cast(SimulatedClock, _Clock()))
+        only = Places([Place("only")], cast(SimulatedClock, _Clock()))
+        async with asyncio.timeout(5.0), asyncio.TaskGroup() as tasks:
+            for _ in range(6):
+                tasks.create_task(work(among, False, 2))
+                tasks.create_task(work(among, True, 1))
+                tasks.create_task(work(only, False, 1))
+
+    asyncio.run(all_work())
+
+
+def test_what_all_have_given_up_is_not_made_any_more() -> None:
+    """Something shared goes on while one check waits for it; when the last one gives up it ends, so
+    that its robots leave, and who asks later gets a new one."""
+
+    async def ask() -> None:
+        run = cast(Run, SimpleNamespace(shared={}, askers=Counter(), slots=None))
+        begun, ended = [], []
+
+        async def make(case: Case) -> str:
+            begun.append(case)
+            try:
+                await asyncio.sleep(60.0)
+            finally:
+                ended.append(case)
+            return "never"
+
+        async def made(case: Case) -> str:
+            return "made"
+
+        askers = [asyncio.create_task(Case(run, "udk").shared("a", make)) for _ in range(2)]
+        for count, asker in enumerate(askers):
+            await asyncio.sleep(0.01)
+            assert (len(begun), len(ended)) == (1, 0)
+            assert not askers[1].done(), count
+            asker.cancel()
+            await asyncio.wait({asker})
+        await asyncio.sleep(0.01)
+        assert ended == begun
+        assert await Case(run, "udk").shared("a", made) == "made"
+
+    asyncio.run(ask())
+
+
+def test_links_one_after_the_other_need_two_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two checks that each make two links, on a server with three places, come to an end."""
+
+    class Member:
+        @classmethod
+        async def make(cls, case: Case, *, listen: bool = False) -> Member:
+            await case.place()
+            return cls()
+
+        async def link(self, other: Member) -> tuple[str, str]:
+            return "one", "other"
+
+        async def __aenter__(self) -> Member:
+            return self
+
+        async def __aexit__(self, *ignored: object) -> None:
+            pass
+
+    monkeypatch.setattr(comserver, "Member", Member)
+
+    async def make_links(run: Run) -> None:
+        case = Case(run, "udk")
+        for _ in range(2):
+            async with comserver._link(case) as ends:
+                assert len(ends) == 2
+
+    async def both() -> None:
+        among = Places([Place(str(n)) for n in range(3)], cast(SimulatedClock, _Clock()))
+        run = cast(Run, SimpleNamespace(places=among))
+        async with asyncio.timeout(5.0):
+            await asyncio.gather(make_links(run), make_links(run))
+
+    asyncio.run(both())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 import secrets
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from typing import Any, NoReturn, TypeVar
@@ -50,6 +51,7 @@ class Run:
     tag: str = field(default_factory=lambda: secrets.token_hex(3))
     """Part of every robot's name: ComServer keeps the names of earlier runs for ever."""
     shared: dict[tuple[str, str], asyncio.Task[Any]] = field(default_factory=dict)
+    askers: Counter[tuple[str, str]] = field(default_factory=Counter)  # who wait for what is shared
 
 
 class Case:
@@ -61,12 +63,13 @@ class Case:
         transcript: what goes over its own connections.
     """
 
-    def __init__(self, run: Run, dialect: str) -> None:
+    def __init__(self, run: Run, dialect: str, is_shared: bool = False) -> None:
         self.run = run
         self.dialect = dialect
         self.transcript = Transcript()
         self._borrowed: list[Transcript] = []
-        self._slot_left = False
+        self._is_shared = is_shared  # makes something for checks, which may have places meanwhile
+        self._slot_left = is_shared  # it never had one
         self._wires: list[Wire] = []
         self._taken: list[Place] = []
 
@@ -167,7 +170,7 @@ class Case:
         """
         if len(self._taken) >= len(self.run.places.all):
             raise Inconclusive(f"the server has places for {len(self._taken)} robots only")
-        place = await self.run.places.take()
+        place = await self.run.places.take(last=bool(self._taken) or self._is_shared)
         self._taken.append(place)
         return place
 
@@ -299,13 +302,23 @@ class Case:
             Inconclusive: if it could not be made.
         """
         dialect = self.dialect if dialect is None else dialect
-        task = self.run.shared.get((key, dialect))
+        asked = key, dialect
+        task = self.run.shared.get(asked)
         if task is None:
-            task = asyncio.create_task(_make(Case(self.run, dialect or self.survey.native), make))
-            self.run.shared[key, dialect] = task
+            maker = Case(self.run, dialect or self.survey.native, is_shared=True)
+            task = asyncio.create_task(_make(maker, make))
+            self.run.shared[asked] = task
         if not task.done():
             self.leave_slot()
-        made, transcript, error = await asyncio.shield(task)
+        self.run.askers[asked] += 1
+        try:
+            made, transcript, error = await asyncio.shield(task)
+        finally:
+            self.run.askers[asked] -= 1
+            if not task.done() and not self.run.askers[asked]:
+                # Given up by all: its robots have places and tiles that others want.
+                del self.run.shared[asked]
+                task.cancel()
         self._borrowed.append(transcript)
         if isinstance(error, NotApplicable):
             raise NotApplicable(str(error))
@@ -336,7 +349,6 @@ class Case:
 async def _make(
     case: Case, make: Callable[[Case], Awaitable[Made]]
 ) -> tuple[Made | None, Transcript, Exception | None]:
-    case._slot_left = True  # it never had one
     try:
         return await make(case), case.transcript, None
     except (Failed, Inconclusive, NotApplicable) as error:

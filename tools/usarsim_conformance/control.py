@@ -59,6 +59,7 @@ class ControlClient:
         lines: everything the server has said, in order.
         clock: simulated time; waiting methods take `within`, s of it.
         read_at: when a line was last taken, by the clock.
+        least_wall: s of wall time that a wanted line has at least, see `Wire.read_exactly`.
     """
 
     def __init__(self, wire: Wire) -> None:
@@ -69,6 +70,7 @@ class ControlClient:
         self._ready: deque[Line] = deque()
         self._last_command = ""
         self.read_at = self.clock.now
+        self.least_wall = 0.0
 
     async def send(self, *commands: str, end: str = "\r\n") -> None:
         """Send commands in one write, each with the line end."""
@@ -87,9 +89,9 @@ class ControlClient:
         """
         return await self._line_by(self.clock.after(within))
 
-    async def _line_by(self, moment: float) -> Line | None:
+    async def _line_by(self, moment: float, least_wall: float = 0.0) -> Line | None:
         while not self._ready:
-            data = await self.wire.read_by(moment)
+            data = await self.wire.read_by(moment, least_wall)
             if not data:
                 return None
             self._ready.extend(self._cutter.feed(data))
@@ -110,7 +112,7 @@ class ControlClient:
         """The next line that is wanted; None if none comes in time; others are passed over."""
         accept = _acceptor(wanted)
         moment = self.clock.after(within)
-        while (line := await self._line_by(moment)) is not None:
+        while (line := await self._line_by(moment, self.least_wall)) is not None:
             if accept(line):
                 return line
         return None

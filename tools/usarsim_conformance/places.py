@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -55,13 +56,22 @@ class Places:
         self.all = tuple(places)
         self._clock = clock
         self._resting: set[asyncio.Task[None]] = set()
-        self._free: asyncio.Queue[Place] = asyncio.Queue()
-        for place in places:
-            self._free.put_nowait(place)
+        self._free = deque(places)
+        self._changed = asyncio.Condition()
 
-    async def take(self) -> Place:
-        """The next free place; waits for one."""
-        return await self._free.get()
+    async def take(self, last: bool) -> Place:
+        """The next free place; waits for one.
+
+        Checks that each have a place and wait for a second one would wait for ever if they had all:
+        the last free place is not for those that have none, unless it is the only one there is.
+
+        Args:
+            last: whether it may be the last free one.
+        """
+        kept = 0 if last or len(self.all) == 1 else 1
+        async with self._changed:
+            await self._changed.wait_for(lambda: len(self._free) > kept)
+            return self._free.popleft()
 
     def give_back(self, place: Place) -> None:
         """Take a place back when its connection has been closed."""
@@ -72,7 +82,9 @@ class Places:
     async def _rest(self, place: Place) -> None:
         with contextlib.suppress(Stalled):
             await self._clock.sleep(LEAVES)
-        self._free.put_nowait(place)
+        async with self._changed:
+            self._free.append(place)
+            self._changed.notify_all()
 
 
 def read_start_poses(line: Line) -> list[Place]:

@@ -32,12 +32,16 @@ async def controller(case: Case) -> ControlClient:
     await client.send("CONTROL {Type GetSTA} {Name NoSuchObject}")
     if await client.maybe(lambda line: line.head == "STA") is None:
         case.skip("the server has no world controller")
+    client.least_wall = _BUILDS_LEAST_WALL
     return client
 
 
 _BUILDS = 45.0
 """s of simulated time for an answer behind a Create: servers may build what is new beside the
 running world, one thing after the other."""
+_BUILDS_LEAST_WALL = 20.0
+"""s of wall time that it has at least: things are built in real time, also where 45 s of simulated
+time pass in a second."""
 
 
 async def status_of(client: ControlClient, name: str) -> Line:
@@ -180,6 +184,8 @@ class Surrounded:
     scenes: tuple[Scene, ...]
     """`open` floor; a wall `ahead`, `half` of it on the left, a `low` one, `right`, `behind`,
     `left`, a `narrow` one all around, `far` ones near the ends of ranges."""
+    floor: float = math.inf
+    """z of the floor in the robot's frame; inf if nothing stands on it, or nobody looked."""
     order: tuple[int, int, int] = (0, 1, 2)
     """In which angles of mounts are taken, to find out whether GEO tells them in another one."""
 
@@ -312,6 +318,9 @@ async def among_walls(case: Case, class_name: str, round_about: bool = False) ->
         robot = await spawn_far(case, class_name, base)
         height = (await robot.pose()).location[2]
         builder = Builder(case, client, base, height)
+        floor = math.inf
+        if not round_about:
+            floor = await _floor(case, client, base.moved(forward=-2.0, down=-1.0)) - height
         scenes = [await _scene(robot, "open", None, ())]
         if round_about:
             for step in range(round(math.tau / _STEP)):
@@ -320,10 +329,21 @@ async def among_walls(case: Case, class_name: str, round_about: bool = False) ->
         else:
             scenes += await _about(robot, builder, worn)
         name = builder.name
-        return Surrounded(worn, base, height, name, tuple(scenes))
+        seen = floor if floor > 0.0 else math.inf  # what hangs in the air stands on none
+        return Surrounded(worn, base, height, name, tuple(scenes), seen)
 
     key = "in a circle of walls" if round_about else "among walls"
     return await case.shared(f"{class_name} {key}", build)
+
+
+async def _floor(case: Case, client: ControlClient, above: Place) -> float:
+    """z of what a block stands on that is put above it (protocol reference 3.14)."""
+    size = 0.2
+    name = await create(case, client, above, (size,) * 3, " {Physics Ground}")
+    stands = (await status_of(client, name)).numbers("Location")[2] + size / 2.0
+    await client.send(f"CONTROL {{Type Kill}} {{Name {name}}}")
+    await status_of(client, "NoSuchObject")
+    return stands
 
 
 async def _about(robot: Robot, builder: Builder, worn: Equipment) -> list[Scene]:

@@ -176,9 +176,14 @@ class Wire:
         """
         return await self.read_by(self.clock.after(within))
 
-    async def read_by(self, moment: float) -> bytes:
-        """Whatever comes next until a moment of the clock; nothing if nothing comes."""
-        return self._connection.inbox.everything() or await self._receive(moment)
+    async def read_by(self, moment: float, least_wall: float = 0.0) -> bytes:
+        """Whatever comes next until a moment of the clock; nothing if nothing comes.
+
+        Args:
+            moment: see `SimulatedClock.after`.
+            least_wall: see `read_exactly`.
+        """
+        return self._connection.inbox.everything() or await self._receive(moment, least_wall)
 
     async def read_exactly(self, count: int, within: float, least_wall: float = 0.0) -> bytes:
         """That many bytes.

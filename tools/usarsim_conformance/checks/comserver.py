@@ -228,9 +228,11 @@ _EVERY_BYTE = (bytes(range(256)) * 4)[:1000]
 
 @contextlib.asynccontextmanager
 async def _link(case: Case) -> AsyncIterator[tuple[Guest, Guest]]:
-    """Both ends of a link between two robots while inside."""
+    """Both ends of a link between two robots while inside; then they leave, so that the next link
+    takes no further places."""
     async with await Member.make(case) as one, await Member.make(case, listen=True) as other:
         yield await one.link(other)
+    case.release()
 
 
 async def _send(guest: Guest, *payloads: bytes) -> None:

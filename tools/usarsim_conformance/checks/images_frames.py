@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -289,12 +290,18 @@ async def degrees(case: Case) -> None:
 
 @images("tiles.grid", "Tiles form a grid", "11.37, 11.40, 2.10")
 async def grid(case: Case) -> None:
-    """All tiles have the configured size, and their offsets are multiples of it."""
+    """All tiles have the configured size, and their offsets are multiples of it. A camera may have
+    smaller pictures, of the same size in every tile."""
     watchers = [await camera_robot(case) for _ in range(2)]
-    tiles = [tile for watcher in watchers for tile in watcher.tiles]
-    sizes = {(tile.width, tile.height) for tile in tiles}
-    case.expect(len(sizes) == 1, f"tiles of several sizes: {sizes}")
-    off = [tile for tile in tiles if tile.x % tile.width or tile.y % tile.height]
+    judge_grid(case, [watcher.tiles for watcher in watchers])
+
+
+def judge_grid(case: Case, robots: Sequence[Sequence[Tile]]) -> None:
+    """Tiles of robots of one class stand on a grid of the largest of them."""
+    sizes = [[(tile.width, tile.height) for tile in tiles] for tiles in robots]
+    case.expect(sizes.count(sizes[0]) == len(sizes), f"tiles of several sizes: {sizes}")
+    width, height = (max(side) for side in zip(*sizes[0], strict=True))
+    off = [tile for tiles in robots for tile in tiles if tile.x % width or tile.y % height]
     case.expect(not off, f"not on the grid: {off}")
 
 

@@ -13,9 +13,15 @@ from usarsim_conformance.control import Robot
 from usarsim_conformance.excursions import Equipment, Track, bearer, equipment, spawn_far
 from usarsim_conformance.grounds import lane
 from usarsim_conformance.ranging import (
+<<<<<<< HEAD
     SLACK,
     Beam,
     explained,
+=======
+    EDGE,
+    SLACK,
+    Beam,
+>>>>>>> alarms
     judge_beam,
     limit,
     ray,
@@ -38,6 +44,7 @@ measured = checks_of("control", reference="robots reference", dialects=UNREAL)
 
 
 async def _single(case: Case, type: str, least: bool) -> None:
+<<<<<<< HEAD
     def judge(found: Surrounded) -> None:
         seen = 0
         for scene, item, mount, text in values_of(found, type, "Range"):
@@ -47,18 +54,28 @@ async def _single(case: Case, type: str, least: bool) -> None:
         case.need(seen > 3, f"too few {type} lines")
 
     explained(await walls_for(case, type), type, judge)
+=======
+    found = await walls_for(case, type)
+    seen = 0
+    for scene, item, mount, text in values_of(found, type, "Range"):
+        beam = Beam(scene, item, item, *ray(mount), float(text))
+        judge_beam(case, found, type, "Range", beam, least, found.floor)
+        seen += 1
+    case.need(seen > 3, f"too few {type} lines")
+>>>>>>> alarms
 
 
 @measured("values.ir-range", "IR measures the distance ahead of it", "2.2")
 async def ir_range(case: Case) -> None:
-    """Range of IR is the distance of a wall along the mount's axis, between MinRange and MaxRange
-    of CONF, wherever the wall stands."""
+    """Range of IR is the distance of a wall, or of the floor if that is nearer, along the mount's
+    axis, between MinRange and MaxRange of CONF, wherever the wall stands."""
     await _single(case, "IR", True)
 
 
 @measured("values.range-range", "A range sensor measures the distance ahead of it", "2.2")
 async def range_range(case: Case) -> None:
-    """Range of a range sensor is the distance of a wall along the mount's axis, up to MaxRange."""
+    """Range of a range sensor is the distance of a wall, or of the floor if that is nearer, along
+    the mount's axis, up to MaxRange."""
     await _single(case, "Range", False)
 
 
@@ -67,17 +84,29 @@ async def range_range(case: Case) -> None:
 )
 async def sonar_range(case: Case) -> None:
     """Range of a sonar is the distance of a wall within its cone: that of its axis, or less where
+<<<<<<< HEAD
     the wall is nearer within BeamAngle; MaxRange if there is none."""
     explained(await walls_for(case, "Sonar"), "Sonar", partial(_judge_sonar, case))
 
 
 def _judge_sonar(case: Case, found: Surrounded) -> None:
+=======
+    the wall is nearer within BeamAngle; MaxRange if there is none. One that looks down tells that
+    of the floor."""
+    found = await walls_for(case, "Sonar")
+>>>>>>> alarms
     seen = 0
     for scene, item, mount, text in values_of(found, "Sonar", "Range"):
         value, high = float(text), limit(found, "Sonar", item, "MaxRange")
         half = _beam_angle(found, item) / 2.0
         start, way = ray(mount)
-        if scene.wall is None or abs(way[2]) > 0.1:
+        if way[2] > 0.1:
+            below = _floor_within(found.floor, scene.wall, start, way, half)
+            if below is not None:
+                _judge_echo(case, found, item, value, below, f"the floor (scene {scene.name!r})")
+                seen += 1
+            continue
+        if scene.wall is None or way[2] < -0.1:
             case.expect(
                 abs(value - high) < SLACK,
                 f"Range of {item} is {value:.3f} m with nothing before it, not MaxRange of CONF, "
@@ -103,16 +132,42 @@ def _judge_sonar(case: Case, found: Surrounded) -> None:
         nearest = length * math.cos(away) / math.cos(max(away - half, 0.0))
         if abs(nearest - high) < 0.1 or abs(length - high) < 0.1:
             continue
-        low = max(limit(found, "Sonar", item, "MinRange"), 0.0)
-        bounds = [min(max(one, low), high) for one in (nearest, length)]
-        slack = SLACK + 0.005 * bounds[1]
-        case.expect(
-            bounds[0] - slack < value < bounds[1] + slack,
-            f"Range of {item} is {value:.3f} m, a wall at {bounds[0]:.3f} to {bounds[1]:.3f} m "
-            f"(scene {scene.name!r})",
-        )
+        away_from = f"a wall (scene {scene.name!r})"
+        _judge_echo(case, found, item, value, (nearest, length), away_from)
         seen += 1
     case.need(seen > 3, "too few Sonar lines")
+
+
+def _judge_echo(
+    case: Case,
+    found: Surrounded,
+    item: str,
+    value: float,
+    between: tuple[float, float],
+    what: str,
+) -> None:
+    """The range of a sonar lies between the nearest point of its cone and that of its axis."""
+    low = max(limit(found, "Sonar", item, "MinRange"), 0.0)
+    high = limit(found, "Sonar", item, "MaxRange")
+    nearest, farthest = (min(max(one, low), high) for one in between)
+    slack = SLACK + 0.005 * farthest
+    case.expect(
+        nearest - slack < value < farthest + slack,
+        f"Range of {item} is {value:.3f} m, {nearest:.3f} to {farthest:.3f} m is that of {what}",
+    )
+
+
+def _floor_within(
+    floor: float, wall: Wall | None, start: Vector, way: Vector, half: float
+) -> tuple[float, float] | None:
+    """How far the floor is within a cone that looks down, m, nearest and along its axis; None if
+    a wall stands where the cone may reach it."""
+    depth, tilt = floor - start[2], math.acos(min(way[2], 1.0))
+    outside = tilt + half
+    reach = depth * math.tan(outside) if outside < math.pi / 2.0 else math.inf
+    if wall is not None and -wall.off(start) < reach + EDGE:
+        return None
+    return depth / math.cos(max(tilt - half, 0.0)), depth / way[2]
 
 
 def _beam_angle(found: Surrounded, item: str) -> float:

@@ -252,24 +252,32 @@ async def steering_type(case: Case) -> None:
 
 @once("conf.dialects-agree", "Dialects tell the same numbers", "4.7 and 4.8", Severity.SHOULD)
 async def dialects_agree(case: Case) -> None:
-    """What CONF and GEO of a robot tell is the same in every dialect that the server speaks."""
+    """What CONF and GEO of a robot tell is the same in every dialect that the server speaks; angles
+    of aircraft, MaxRotationalVelocity and MaxTilt, are in degrees in udk."""
     if len(case.survey.dialects) < 2:
         case.skip("the server speaks one dialect only")
     for command in ("GETCONF", "GETGEO"):
-        told = [
-            await case.shared(f"{command} of the robot", partial(_ask, command), dialect)
+        told = {
+            dialect: await case.shared(f"{command} of the robot", partial(_ask, command), dialect)
             for dialect in case.survey.dialects
-        ]
-        for other in told[1:]:
-            for name in told[0].names:
-                values = told[0].numbers(name), other.numbers(name)
+        }
+        (first, line), *others = told.items()
+        for dialect, other in others:
+            for name in line.names:
+                values = _in_radians(line, name, first), _in_radians(other, name, dialect)
                 if other.get(name) is None or not all(map(math.isfinite, values[0])):
                     continue
                 case.expect(
                     len(values[0]) == len(values[1])
                     and all(near(b, a, 0.01, 0.001) for a, b in zip(*values, strict=True)),
-                    f"{name} is {told[0].get(name)} and {other.get(name)} by dialect",
+                    f"{name} is {line.get(name)} and {other.get(name)} by dialect",
                 )
+
+
+def _in_radians(line: Line, name: str, dialect: str) -> tuple[float, ...]:
+    """Numbers of a segment, in the units of ut2004 (protocol reference 5.2, no. 16)."""
+    degrees = dialect == "udk" and name in ("MaxRotationalVelocity", "MaxTilt")
+    return tuple(math.radians(one) if degrees else one for one in line.numbers(name))
 
 
 async def _ask(command: str, case: Case) -> Line:

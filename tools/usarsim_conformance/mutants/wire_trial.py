@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -52,6 +53,7 @@ async def try_wire_faults(
                     target=replace(target, ports=faulty),
                     survey=replace(found, robot=fault.robot),
                     shared={},
+                    askers=Counter(),
                 )
                 check = checks[fault.check]
                 dialect = fault.dialect if check.dialects else ""
