@@ -13,15 +13,10 @@ from usarsim_conformance.control import Robot
 from usarsim_conformance.excursions import Equipment, Track, bearer, equipment, spawn_far
 from usarsim_conformance.grounds import lane
 from usarsim_conformance.ranging import (
-<<<<<<< HEAD
-    SLACK,
-    Beam,
-    explained,
-=======
     EDGE,
     SLACK,
     Beam,
->>>>>>> alarms
+    explained,
     judge_beam,
     limit,
     ray,
@@ -44,25 +39,15 @@ measured = checks_of("control", reference="robots reference", dialects=UNREAL)
 
 
 async def _single(case: Case, type: str, least: bool) -> None:
-<<<<<<< HEAD
     def judge(found: Surrounded) -> None:
         seen = 0
         for scene, item, mount, text in values_of(found, type, "Range"):
             beam = Beam(scene, item, item, *ray(mount), float(text))
-            judge_beam(case, found, type, "Range", beam, least)
+            judge_beam(case, found, type, "Range", beam, least, found.floor)
             seen += 1
         case.need(seen > 3, f"too few {type} lines")
 
     explained(await walls_for(case, type), type, judge)
-=======
-    found = await walls_for(case, type)
-    seen = 0
-    for scene, item, mount, text in values_of(found, type, "Range"):
-        beam = Beam(scene, item, item, *ray(mount), float(text))
-        judge_beam(case, found, type, "Range", beam, least, found.floor)
-        seen += 1
-    case.need(seen > 3, f"too few {type} lines")
->>>>>>> alarms
 
 
 @measured("values.ir-range", "IR measures the distance ahead of it", "2.2")
@@ -84,17 +69,12 @@ async def range_range(case: Case) -> None:
 )
 async def sonar_range(case: Case) -> None:
     """Range of a sonar is the distance of a wall within its cone: that of its axis, or less where
-<<<<<<< HEAD
-    the wall is nearer within BeamAngle; MaxRange if there is none."""
+    the wall is nearer within BeamAngle; MaxRange if there is none. One that looks down tells that
+    of the floor."""
     explained(await walls_for(case, "Sonar"), "Sonar", partial(_judge_sonar, case))
 
 
 def _judge_sonar(case: Case, found: Surrounded) -> None:
-=======
-    the wall is nearer within BeamAngle; MaxRange if there is none. One that looks down tells that
-    of the floor."""
-    found = await walls_for(case, "Sonar")
->>>>>>> alarms
     seen = 0
     for scene, item, mount, text in values_of(found, "Sonar", "Range"):
         value, high = float(text), limit(found, "Sonar", item, "MaxRange")
