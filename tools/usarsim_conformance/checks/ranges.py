@@ -133,7 +133,7 @@ def _judge_echo(
     slack = SLACK + 0.005 * farthest
     case.expect(
         nearest - slack < value < farthest + slack,
-        f"Range of {item} is {value:.3f} m, {nearest:.3f} to {farthest:.3f} m is that of {what}",
+        f"Range of {item} is {value:.3f} m, not {nearest:.3f} to {farthest:.3f} m, that of {what}",
     )
 
 
