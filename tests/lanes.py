@@ -11,7 +11,7 @@ SLOW = pytest.mark.slow
 
 
 def slow_but(kept: Callable[[Any], bool], values: Iterable[Any]) -> list[Any]:
-    """Parameters, all marked slow but those kept.
+    """Mark parameters as slow, but for those kept.
 
     Args:
         kept: whether a parameter stays in the fast lane; a tuple is one parameter set.

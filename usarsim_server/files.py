@@ -169,9 +169,9 @@ def check_links(folder: Path, error: type[UsarsimError]) -> None:
 
 @contextlib.contextmanager
 def held(folder: Path) -> Iterator[bool]:
-    """Hold a folder; whether no other program does.
+    """Hold a folder for this program; gives False if another program holds it.
 
-    The system lets it go with this program, however that ends.
+    The system releases the folder when this program ends, however it ends.
 
     Raises:
         OSError: it cannot be held.

@@ -150,7 +150,7 @@ class Jump(Mover):
 
 @pytest.fixture(autouse=True)
 def _alone_in_the_folder(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Other tests of this folder, which count as files of a strategy, would be looked through."""
+    """Hide the other tests of this folder, which would count as files of the strategy."""
     here = Path(__file__).parent
     for name, module in list(sys.modules.items()):
         file = getattr(module, "__file__", None)

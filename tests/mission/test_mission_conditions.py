@@ -10,6 +10,7 @@ import pytest
 
 from usarsim_mission.errors import MissionError
 from usarsim_mission.match.conditions import Conditions
+from usarsim_mission.scenario.policies import POLICY_GROUP, policies
 from usarsim_mission.scenario.reader import parse_scenario
 from usarsim_mission.scenario.resolving import stage
 
@@ -39,6 +40,13 @@ at = 200.0
 do = "message"
 text = "Come back"
 """
+
+
+def test_policies_are_those_of_the_console() -> None:
+    """Files name the same policies as the console has, which what judges a study may not import."""
+    console = pytest.importorskip("usarsim_operator.policies")
+    assert list(policies()) == console.names()
+    assert console.GROUP == POLICY_GROUP
 
 
 def test_conditions_change_the_robots(tmp_path: Path) -> None:

@@ -151,10 +151,10 @@ def carry_out(
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Nobody else plays the same runs meanwhile, into the same files.
+    """Hold the folder, so that no other command plays the same runs into the same files.
 
     Raises:
-        BatchError: somebody does.
+        BatchError: another command holds it.
     """
     try:
         with held(folder) as ours:

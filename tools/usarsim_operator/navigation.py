@@ -162,7 +162,7 @@ def distances(passable: Cells, start: tuple[int, int], more: Costs | None = None
 
 
 def space(passable: Cells, start: tuple[int, int]) -> float:
-    """How much there is to be gone through from a cell, m2."""
+    """Area that can be reached from a passable cell, m2."""
     _, labels = cv2.connectedComponents(passable.view(np.uint8), connectivity=8)
     return float(np.count_nonzero(labels == labels[start])) * CELL**2
 

@@ -133,9 +133,9 @@ def _again(
     device: str | None,
     unattended: str | None,
 ) -> _Again:
-    if unattended is not None and unattended not in policies():
-        cure = suggest(unattended, policies())
-        raise MissionError(at("--unattended", f"{unattended!r} is not known", cure))
+    if unattended is not None and unattended not in (known := policies()):
+        problem = f"{unattended!r} is not known"
+        raise MissionError(at("--unattended", problem, suggest(unattended, known)))
     folder = folder.absolute()
     then = read_logged(folder)
     session = then.session

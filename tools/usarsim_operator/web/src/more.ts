@@ -219,7 +219,7 @@ function joinForm(store: Store, link: Link): HTMLElement {
   return form;
 }
 
-/** Asks for three seconds, about the robot that is chosen then: another one is asked about anew. */
+/** Makes the button that removes the chosen robot. It asks first, for three seconds, about that robot only. */
 function removeButton(store: Store, ask: Ask): HTMLButtonElement {
   let asked: string | undefined;
   let timer: number | undefined;
