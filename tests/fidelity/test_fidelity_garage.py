@@ -31,7 +31,7 @@ def robot(name: str) -> RobotDescription:
         ("Sedan", 30.0),
         ("Lisa", 0.5),
         ("Kenaf", 0.565),
-        ("AirRobot", 2.0),  # 1.5
+        ("AirRobot", 2.0),  # robots 1.5
     ],
 )
 def test_top_speed(name: str, speed: float) -> None:

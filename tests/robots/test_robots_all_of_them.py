@@ -1,11 +1,11 @@
 """All classes at once: they come to rest where they fall, and do what GEO and CONF announce.
 
 An old MATLAB demo spawned a list of classes one after the other from high above: robots reference
-1.1 (bsamadi/AUT-USARSim-Toolbox: Demos/TEST_All_Robots.m) and 5.1. Each of them has to come to rest
-close to where it fell, on its wheels, tracks or feet.
+1.1 (bsamadi/AUT-USARSim-Toolbox: Demos/TEST_All_Robots.m) and robots 5.1. Each of them has to come
+to rest close to where it fell, on its wheels, tracks or feet.
 
 Clients reckon with WheelRadius times MaxSpeed, and believe odometry (protocol reference 3.4.1,
-protocol 131 and 132; robots reference 5.1 #19, 79). Every class is driven straight at its
+protocol 131 and 132; robots 19 and 79). Every class is driven straight at its
 announced limit, or at 3 m/s if that is less, by a client that commands twice the limit where it is
 driven at it. Turns are compared where wheels do not slip sideways: with two driven wheels.
 """

@@ -60,7 +60,8 @@ KINDS = {
 
 @pytest.mark.parametrize("name", NAMES.split())
 def test_every_class_of_the_reference_is_there(name: str) -> None:
-    """Class names and aliases of 1.1 are found in any case, with a package (robots 1, 2, 3)."""
+    """Class names and aliases of robots 1.1 are found in any case, with a package (robots 1, 2,
+    3)."""
     robot = ROSTER.find(f"USARBot.{name}")
     assert robot is not None
     for spelling in (name.lower(), name.upper()):
@@ -124,8 +125,8 @@ two driven wheels, the base is that to the casters."""
 
 @pytest.mark.parametrize("name", UDK_WHEELED)
 def test_figures_of_udk_vehicles(name: str) -> None:
-    """Track, base, radius and limit of 1.2 and 1.4, torque 50000; Dimensions repeat them
-    (robots 7).
+    """Track, base, radius and limit, torque 50000; Dimensions repeat them (robots 1.2, 1.4
+    and 7).
 
     The track is that from the left front to the right rear wheel.
     """

@@ -99,7 +99,7 @@ def test_p2at_geo_and_conf_print_as_captured() -> None:
 
 
 def test_p2at_top_speed() -> None:
-    """P2AT's wheel limit times its radius is the 0.700 m/s of 1.2."""
+    """P2AT's wheel limit times its radius is the 0.700 m/s of robots 1.2."""
     robot = ROBOTS["P2AT"]
     assert robot.drive.max_wheel_speed * robot.report.wheel_radius == pytest.approx(0.700, abs=5e-4)
 

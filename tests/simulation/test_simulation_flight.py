@@ -1,4 +1,4 @@
-"""Holding a velocity in the air (robots reference 1.5, 3.3 V23 and V24, 4.8)."""
+"""Holding a velocity in the air (robots reference 1.5, 3.3 and 4.8; V23, V24)."""
 
 from __future__ import annotations
 

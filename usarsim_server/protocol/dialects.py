@@ -1,7 +1,7 @@
 """Which dialect a connection speaks, and what the dialects differ in (protocol reference 5.3).
 
-The addendum of the reference wins over its section 5.3: under `auto` the robot class decides the
-default, and only then do the client's own habits switch `ut2004` to `udk`.
+The addendum of that page wins over its section: under `auto` the robot class decides the default,
+and only then do the client's own habits switch `ut2004` to `udk`.
 """
 
 from __future__ import annotations
