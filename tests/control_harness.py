@@ -35,7 +35,7 @@ def create(client: RehearsedClient, name: str, location: str, **segments: str) -
 
 
 def status(client: RehearsedClient, **filters: str) -> dict[str, dict[str, str]]:
-    """GetSTA as a table by name; the line has to be well formed (171)."""
+    """GetSTA as a table by name; the line has to be well formed (protocol 171)."""
     (line,) = control(client, "GetSTA", **filters)
     assert re.fullmatch(r"STA( \{[^{}]*\})*", line)
     pairs = [pair.partition(" ")[::2] for pair in re.findall(r"\{([^{}]*)\}", line)]

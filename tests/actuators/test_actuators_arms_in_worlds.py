@@ -49,7 +49,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rehearsal]:
 
 
 def test_arm_platforms_report_their_links(stage: Rehearsal, client: RehearsedClient) -> None:
-    """KR60 moves all its joints, ASTA lists them from 1, its foot stands (5.1 #12, #13)."""
+    """KR60 moves all its joints, ASTA lists them from 1, its foot stands (robots 12, 13)."""
     spawn(stage, client, "KR60")
     targets = (0.5, -0.4, 0.3, -0.6, 0.4, 0.7)
     groups = " ".join(f"{{Link {i}}} {{Value {value}}}" for i, value in enumerate(targets))
@@ -70,7 +70,7 @@ def test_arm_platforms_report_their_links(stage: Rehearsal, client: RehearsedCli
 
 
 def test_arms_and_pan_tilts_stand_side_by_side(stage: Rehearsal) -> None:
-    """Orders to one robot do not move another one of the same class (check 178)."""
+    """Orders to one robot do not move another one of the same class (protocol 178)."""
     one, other = stage.connect(), stage.connect()
     one.send("INIT {ClassName P2AT} {Location 10,0,-0.25}")
     other.send("INIT {ClassName P2AT} {Location 10,3,-0.25} {Dialect udk}")
@@ -96,7 +96,7 @@ def status(client: RehearsedClient, name: str) -> str:
 def test_gripper_states(
     stage: Rehearsal, client: RehearsedClient, opcode: str, expected: str
 ) -> None:
-    """SET changes the Status that EFF tells (check 161)."""
+    """SET changes the Status that EFF tells (protocol 161)."""
     spawn(stage, client, "P3AT_arm")
     stage.run(0.2)
     assert status(client, "P3ATGripper") == "OPEN}"
@@ -210,7 +210,8 @@ def test_a_vacuum_gripper_on_a_tool_changer(bench: Rehearsal) -> None:
 
 
 def test_flippers_are_driven_by_name_and_told_in_sta(tmp_path: Path) -> None:
-    """MULTIDRIVE moves bare joints whatever the case of their names; STA tells them (check 154)."""
+    """MULTIDRIVE moves bare joints whatever the case of their names; STA tells them
+    (protocol 154)."""
     side = {"FR": 0.2, "FL": -0.2}
     links = "".join(
         f'[[actuator.link]]\nname = "{name}Flipper"\nparent = 0\nposition = [0.2, {y}, 0]\n'

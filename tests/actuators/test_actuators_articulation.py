@@ -77,7 +77,8 @@ def stage() -> Stage:
 def test_links_are_commanded(
     stage: Stage, command: str, orders: dict[int, tuple[int, float]]
 ) -> None:
-    """MISPKG counts from 1, ACT from 0, the old form turns links 1 and 2 (3.6, 3.9, 3.10)."""
+    """MISPKG counts from 1, ACT from 0, the old form turns links 1 and 2 (protocol 3.6, 3.9,
+    3.10)."""
     stage.say(command)
     assert stage.orders == {f"ArmA_Joint{number}": order for number, order in orders.items()}
     assert stage.machine.looks == 0
@@ -103,14 +104,14 @@ def test_links_are_commanded(
     ],
 )
 def test_what_does_not_exist_is_ignored(stage: Stage, command: str) -> None:
-    """Unknown names, links, orders and empty commands do nothing (3.9, 3.10, addendum)."""
+    """Unknown names, links, orders and empty commands do nothing (protocol 3.9, 3.10, addendum)."""
     stage.say(command)
     assert stage.machine.orders == []
     assert stage.machine.hands == []
 
 
 def test_actuators_on_actuators_are_found(stage: Stage) -> None:
-    """ACT reaches an arm that sits on an arm (3.10)."""
+    """ACT reaches an arm that sits on an arm (protocol 3.10)."""
     stage.say("ACT {Name wrist} {Link 0} {Value 0.3}")
     assert stage.orders == {"Wrist_Joint1": (0, 0.3)}
 
@@ -176,14 +177,14 @@ def test_grippers_of_an_actuator(stage: Stage, word: str, value: int, close: boo
 def test_joints_are_commanded_by_name(
     stage: Stage, command: str, orders: dict[str, tuple[int, float]]
 ) -> None:
-    """DRIVE, MULTIDRIVE and SET reach joints by name, whatever its case (checks 154 to 156)."""
+    """DRIVE, MULTIDRIVE and SET reach joints by name, whatever its case (protocol 154 to 156)."""
     stage.say(command)
     assert stage.orders == orders
 
 
 @pytest.mark.parametrize("name", ["AllJoints", "allangles"])
 def test_all_joints_at_once(stage: Stage, name: str) -> None:
-    """AllJoints addresses every joint but fingers (check 156)."""
+    """AllJoints addresses every joint but fingers (protocol 156)."""
     stage.say(f"SET {{Type Joint}} {{Name {name}}} {{Opcode Angle}} {{Params 0.1}}")
     joints = ("ArmA_Joint1", "ArmA_Joint2", "Wrist_Joint1", "FRFlipper", "FLFlipper")
     assert stage.orders == dict.fromkeys(joints, (0, 0.1))
@@ -210,7 +211,7 @@ def test_all_joints_at_once(stage: Stage, name: str) -> None:
 def test_set_gives_one_result_in_ut2004_and_none_in_udk(
     stage: Stage, command: str, result: str
 ) -> None:
-    """Every SET with a known opcode gives one RES in `ut2004`, `udk` has none (check 163)."""
+    """Every SET with a known opcode gives one RES in `ut2004`, `udk` has none (protocol 163)."""
     assert stage.say(f"SET {command}") == [f"RES {{Time 63.40}} {result}"]
     assert stage.say(f"SET {command}", UDK) == []
 
@@ -228,13 +229,13 @@ def test_set_gives_one_result_in_ut2004_and_none_in_udk(
     ],
 )
 def test_set_without_addressee_or_opcode_gives_nothing(stage: Stage, command: str) -> None:
-    """Nothing happens and nothing is said (3.7)."""
+    """Nothing happens and nothing is said (protocol 3.7)."""
     assert stage.say(f"SET {command}") == []
     assert stage.machine.orders == stage.machine.hands == []
 
 
 def test_set_without_name_reaches_all_of_the_type(stage: Stage) -> None:
-    """Name is optional; loose tools do not obey (3.7)."""
+    """Name is optional; loose tools do not obey (protocol 3.7)."""
     lines = stage.say("SET {Type Gripper} {Opcode CLOSE}")
     assert [name for name, _ in stage.machine.hands] == ["Hand", "Cup"]
     assert [line.split("{Status ")[1] for line in lines] == ["OK}", "OK}", "Failed}"]
@@ -250,7 +251,7 @@ def test_a_tool_obeys_while_it_is_held(stage: Stage) -> None:
 
 
 def test_a_tool_changer_that_finds_nothing_fails(stage: Stage) -> None:
-    """RES says Failed if there was no tool to take (4.10)."""
+    """RES says Failed if there was no tool to take (protocol 4.10)."""
     stage.machine.obeys = False
     (line,) = stage.say("SET {Type ToolChanger} {Name Changer} {Opcode CLOSE}")
     assert line == "RES {Time 63.40} {Type ToolChanger} {Name Changer} {Status Failed}"
@@ -262,7 +263,7 @@ def test_a_tool_changer_that_finds_nothing_fails(stage: Stage) -> None:
 @pytest.mark.parametrize("kind", ["Actuator", "MisPkg", "ACTUATOR", "mispkg"])
 @pytest.mark.parametrize("dialect", [UT2004, UDK])
 def test_both_forms_are_answered_in_both_dialects(stage: Stage, kind: str, dialect: object) -> None:
-    """CONF and GEO of Actuator and MisPkg, canonical Type, all or one (checks 127, 128, 141)."""
+    """CONF and GEO of Actuator and MisPkg, canonical Type, all or one (protocol 127, 128, 141)."""
     canonical = {"actuator": "Actuator", "mispkg": "MisPkg"}[kind.lower()]
     for answer in (
         stage.limbs.configuration(kind, None, dialect),  # type: ignore[arg-type]
@@ -280,7 +281,7 @@ def test_both_forms_are_answered_in_both_dialects(stage: Stage, kind: str, diale
 
 @pytest.mark.parametrize("kind", ["Gripper", "VacuumGripper", "ToolChanger"])
 def test_effectors_answer(stage: Stage, kind: str) -> None:
-    """CONF and GEO of effectors (3.8, check 125)."""
+    """CONF and GEO of effectors (protocol 3.8, 125)."""
     for answer in (stage.limbs.configuration(kind, None, UDK), stage.limbs.geometry(kind, None)):
         assert "{Type ToolChanger}" in answer or "{Type Gripper}" in answer
 
@@ -289,7 +290,7 @@ def test_effectors_answer(stage: Stage, kind: str) -> None:
     ("kind", "name"), [("Actuator", "Leg"), ("MisPkg", "Leg"), ("Gripper", "Nose"), ("Foot", None)]
 )
 def test_no_match_no_answer(stage: Stage, kind: str, name: str | None) -> None:
-    """Unknown types and names are not answered (check 126)."""
+    """Unknown types and names are not answered (protocol 126)."""
     assert stage.limbs.configuration(kind, name, UDK) == ""
     assert stage.limbs.geometry(kind, name) == ""
 
@@ -319,7 +320,7 @@ def test_status_lines(stage: Stage) -> None:
 
 
 def test_bare_joints_are_told_in_sta(stage: Stage) -> None:
-    """Flippers appear in STA by name, and nowhere else (3.5, 4.3)."""
+    """Flippers appear in STA by name, and nowhere else (protocol 3.5, 4.3)."""
     stage.machine.positions = {"FRFlipper": 0.7, "FLFlipper": -0.2}
     state = stage.machine.state()
     assert stage.limbs.joints(state) == (("FRFlipper", 0.7), ("FLFlipper", -0.2))
@@ -327,7 +328,8 @@ def test_bare_joints_are_told_in_sta(stage: Stage) -> None:
 
 
 def test_the_pan_tilt_of_player() -> None:
-    """Player's old command reaches pan by the third and tilt by the second number (3.6)."""
+    """Player's old command reaches pan by the third and tilt by the second number
+    (protocol 3.6)."""
     stage = Stage(actuators=(PAN_TILT,), effectors=(), name="P2AT")
     stage.say("MISPKG {Name CameraPanTilt} {Rotation 0,0.250000,-0.500000} {Order 0}")
     assert stage.machine.orders == [

@@ -33,7 +33,7 @@ def pan_tilt() -> Actuator:
 
 
 def test_mission_package_geometry_is_as_captured() -> None:
-    """The GEO MisPkg line of 4.7, to the letter (check 140)."""
+    """The GEO MisPkg line of protocol 4.7, to the letter (protocol 140)."""
     assert mission_package_geometry([pan_tilt().package()]) == (
         "GEO {Type MisPkg} {Name CameraPanTilt} {Link 1} {ParentLink -1} "
         "{Location 0.1200,0.0000,-0.2000} {Orientation 3.1415,0.0000,0.0000} {Link 2} "
@@ -42,7 +42,8 @@ def test_mission_package_geometry_is_as_captured() -> None:
 
 
 def test_mission_package_configuration_is_as_captured() -> None:
-    """The CONF MisPkg line of 4.8, to the letter; no stops are a minimum above the maximum."""
+    """The CONF MisPkg line of protocol 4.8, to the letter; no stops are a minimum above the
+    maximum."""
     assert mission_package_configuration(UT2004, [pan_tilt().package()]) == (
         "CONF {Type MisPkg} {Name CameraPanTilt} {Link 1} {JointType Revolute} {MaxSpeed 0.17} "
         "{MaxTorque 20.00} {MinRange 1} {MaxRange 0} {Link 2} {JointType Revolute} "
@@ -51,7 +52,7 @@ def test_mission_package_configuration_is_as_captured() -> None:
 
 
 def test_actuator_geometry() -> None:
-    """GEO Actuator: base on the robot, Parent 0 for the base, the tip behind (check 140)."""
+    """GEO Actuator: base on the robot, Parent 0 for the base, the tip behind (protocol 140)."""
     assert actuator_geometry([Actuator(ARM, ARMS).item()]) == (
         "GEO {Type Actuator} {Name ArmA} {Location 0.100,0.000,-0.350} "
         "{Orientation 0.000,0.000,0.000} {Mount Arms} {Link 1} {Parent 0} "
@@ -61,7 +62,7 @@ def test_actuator_geometry() -> None:
 
 
 def test_actuator_configuration() -> None:
-    """CONF Actuator: links from 1, joint type, torque, values (check 139)."""
+    """CONF Actuator: links from 1, joint type, torque, values (protocol 139)."""
     assert actuator_configuration([Actuator(ARM, ARMS).item()]) == (
         "CONF {Type Actuator} {Name ArmA} {Link 1} {JointType Revolute} {MaxTorque 20.0000} "
         "{MinValue -1.5708} {MaxValue 1.5708} {Link 2} {JointType Prismatic} "
@@ -70,14 +71,14 @@ def test_actuator_configuration() -> None:
 
 
 def test_an_actuator_on_an_actuator_says_what_carries_it() -> None:
-    """Mount is the other actuator, MountLink its link, from 1 (4.7)."""
+    """Mount is the other actuator, MountLink its link, from 1 (protocol 4.7)."""
     item = Actuator(WRIST, ARMS).item()
     assert (item.mount, item.mount_link) == ("ArmA", 2)
     assert "{Mount ArmA} {MountLink 2}" in actuator_geometry([item])
 
 
 def test_status_ut2004() -> None:
-    """MISSTA: two digits of Time and Torque, four of Value, links from 1 (4.9)."""
+    """MISSTA: two digits of Time and Torque, four of Value, links from 1 (protocol 4.9)."""
     machine = Machine(P2AT)
     machine.positions = {"CameraPanTilt_Joint1": 0.5, "CameraPanTilt_Joint2": -0.1}
     machine.torques = {"CameraPanTilt_Joint1": -20.0, "CameraPanTilt_Joint2": 3.456}
@@ -88,7 +89,7 @@ def test_status_ut2004() -> None:
 
 
 def test_status_udk() -> None:
-    """ASTA: four digits of Time, no Torque (4.9)."""
+    """ASTA: four digits of Time, no Torque (protocol 4.9)."""
     machine = Machine(P2AT)
     machine.positions = {"CameraPanTilt_Joint1": 0.5, "CameraPanTilt_Joint2": -0.1}
     assert pan_tilt().status(UDK, machine.state()) == (
@@ -98,14 +99,14 @@ def test_status_udk() -> None:
 
 @pytest.mark.parametrize(("first", "link"), [(1, 1), (0, 0)])
 def test_links_count_from_the_number_that_the_command_uses(first: int, link: int) -> None:
-    """Link 1 of MISPKG and Link 0 of ACT are the same link (5.2 no. 5, checks 157, 158)."""
+    """Link 1 of MISPKG and Link 0 of ACT are the same link (protocol 5.2 no. 5, 157, 158)."""
     orders = pan_tilt().orders([LinkTarget(link, 0.5)], first, None)
     assert orders == {"CameraPanTilt_Joint1": JointOrder(Order.POSITION, 0.5)}
 
 
 @pytest.mark.parametrize(("first", "links"), [(1, (0, 3, -1, 99)), (0, (2, -1, 99))])
 def test_links_out_of_range_are_ignored(first: int, links: tuple[int, ...]) -> None:
-    """They do not disturb the other groups of the command (check 159)."""
+    """They do not disturb the other groups of the command (protocol 159)."""
     groups = [LinkTarget(link, 9.0) for link in links]
     groups.insert(1, LinkTarget(first + 1, 0.2))
     orders = pan_tilt().orders(groups, first, None)
@@ -113,7 +114,7 @@ def test_links_out_of_range_are_ignored(first: int, links: tuple[int, ...]) -> N
 
 
 def test_orders_are_position_velocity_and_torque() -> None:
-    """Orders 0, 1 and 2; others are ignored (3.9)."""
+    """Orders 0, 1 and 2; others are ignored (protocol 3.9)."""
     for number, kind in enumerate(Order):
         groups = [LinkTarget(1, 0.5, number)]
         orders = pan_tilt().orders(groups, 1, None)

@@ -1,5 +1,5 @@
-"""Effectors: their types are found; opcodes, hands, EFF, CONF, GEO (4.7 to 4.9); what hands take
-and let go is told once, tools are where they are held.
+"""Effectors: their types are found; opcodes, hands, EFF, CONF, GEO (protocol 4.7 to 4.9); what
+hands take and let go is told once, tools are where they are held.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def made(name: str) -> tuple[Effector, Machine]:
     ],
 )
 def test_a_gripper_obeys(opcode: str, params: str, close: bool) -> None:
-    """CLOSE, OPEN and GRIP move the fingers and tell the hand (3.7, check 161)."""
+    """CLOSE, OPEN and GRIP move the fingers and tell the hand (protocol 3.7, 161)."""
     hand, machine = made("Hand")
     assert hand.set(opcode, params, machine) is SetResult.OK
     angle = SHUT if close else OPEN
@@ -92,7 +92,8 @@ def test_a_cup_has_no_fingers_to_move() -> None:
 
 
 def test_status_of_a_gripper() -> None:
-    """EFF of 4.9, to the letter, while it is open and when it has closed (check 161)."""
+    """EFF of protocol 4.9, to the letter, while it is open and when it has closed
+    (protocol 161)."""
     hand, machine = made("Hand")
     line = "EFF {{Time 63.4021}} {{Type Gripper}} {{Name Hand}} {{Status {}}}"
     assert hand.status(machine.state()) == line.format("OPEN")
@@ -101,13 +102,13 @@ def test_status_of_a_gripper() -> None:
 
 
 def test_a_vacuum_gripper_is_a_gripper_on_the_wire() -> None:
-    """Its Type is Gripper, as the sample of 4.9 shows for KR60gripper."""
+    """Its Type is Gripper, as the sample of protocol 4.9 shows for KR60gripper."""
     cup, machine = made("Cup")
     assert cup.status(machine.state()).startswith("EFF {Time 63.4021} {Type Gripper} {Name Cup} ")
 
 
 def test_status_of_a_tool_changer() -> None:
-    """OPEN without a tool; CLOSED with type and name of the tool (4.9)."""
+    """OPEN without a tool; CLOSED with type and name of the tool (protocol 4.9)."""
     changer, machine = made("Changer")
     line = "EFF {Time 63.4021} {Type ToolChanger} {Name Changer} {Status "
     assert changer.status(machine.state()) == line + "OPEN}"
@@ -125,7 +126,7 @@ def test_a_loose_tool_is_not_part_of_the_robot() -> None:
 
 
 def test_configuration() -> None:
-    """CONF of 4.8, to the letter; several of a type share a line."""
+    """CONF of protocol 4.8, to the letter; several of a type share a line."""
     arms = create_effectors(ARMS)
     grippers = [one.configuration() for one in arms if one.wire_type == "Gripper"]
     opcodes = "{Opcode Grip} {MaxVal 1} {MinVal 0} {Opcode Close} {Opcode Open}"
@@ -251,7 +252,8 @@ def test_a_robot_without_hands_has_no_changes() -> None:
 
 
 def test_geometry_of_a_tool_follows_its_holder() -> None:
-    """Loose it is where the file lays it, held it sits on the link of the changer (4.7)."""
+    """Loose it is where the file lays it, held it sits on the link of the changer
+    (protocol 4.7)."""
     stage = Stage()
 
     def told() -> str:

@@ -13,7 +13,7 @@ from usarsim_server.testing import Rehearsal, RehearsedClient
 
 
 def test_the_answer_comes_first_after_init(stage: Rehearsal, client: RehearsedClient) -> None:
-    """After INIT and GETCONF in one packet the next line is the CONF line (check 142)."""
+    """After INIT and GETCONF in one packet the next line is the CONF line (protocol 142)."""
     client.send("INIT {ClassName USARBot.KR60} {Location 0,0,0}", "GETCONF {Type Actuator}")
     stage.run(0.6)
     assert client.lines[0].startswith("CONF {Type Actuator} {Name KR60Arm} {Link 1} {JointType ")
@@ -25,7 +25,7 @@ def test_the_answer_comes_first_after_init(stage: Rehearsal, client: RehearsedCl
 def test_both_forms_are_answered(
     stage: Rehearsal, client: RehearsedClient, name: str, item: str, dialect: str
 ) -> None:
-    """GETCONF and GETGEO of MisPkg and of Actuator, in either dialect (checks 139 to 141)."""
+    """GETCONF and GETGEO of MisPkg and of Actuator, in either dialect (protocol 139 to 141)."""
     spawn(stage, client, name, f"{{Dialect {dialect}}}")
     client.send("GETCONF {Type MisPkg}", "GETCONF {Type Actuator}")
     client.send(f"GETGEO {{Type MisPkg}} {{Name {item}}}", "GETGEO {Type Actuator}")
@@ -58,7 +58,7 @@ def test_udk_announces_its_own_speed(stage: Rehearsal, client: RehearsedClient) 
 def test_status_periods(
     stage: Rehearsal, client: RehearsedClient, name: str, dialect: str, head: str, period: float
 ) -> None:
-    """MISSTA keeps the period of STA, ASTA and EFF come every 0.1 s (4.9, 5.2 no. 22)."""
+    """MISSTA keeps the period of STA, ASTA and EFF come every 0.1 s (protocol 4.9, 5.2 no. 22)."""
     spawn(stage, client, name, f"{{Dialect {dialect}}}")
     stage.run(5.0)
     lines = client.take()
@@ -71,7 +71,7 @@ def test_status_periods(
 
 
 def test_everything_that_reports_can_be_asked(stage: Rehearsal, client: RehearsedClient) -> None:
-    """For every item in ASTA and EFF, GETCONF and GETGEO give one line each (check 125)."""
+    """For every item in ASTA and EFF, GETCONF and GETGEO give one line each (protocol 125)."""
     spawn(stage, client, "KR60")
     stage.run(0.3)
     items = {("Actuator", "KR60Arm")}
@@ -94,7 +94,7 @@ def test_everything_that_reports_can_be_asked(stage: Rehearsal, client: Rehearse
 
 
 def test_sensors_on_links_say_so(stage: Rehearsal, client: RehearsedClient, tmp_path: Path) -> None:
-    """Mount is the link in `ut2004`, the actuator with MountLink in `udk` (4.7)."""
+    """Mount is the link in `ut2004`, the actuator with MountLink in `udk` (protocol 4.7)."""
     (tmp_path / "Eye.toml").write_text(
         'extends = "P2AT"\n[[sensor]]\ntype = "Sonar"\nname = "Eye"\n'
         'link = "camerapantilt_link2"\nposition = [0.06, 0, -0.0087]\n',
@@ -161,7 +161,7 @@ def test_sensors_on_links_move_with_them(tmp_path: Path) -> None:
     ],
 )
 def test_every_way_to_move_a_link(stage: Rehearsal, client: RehearsedClient, command: str) -> None:
-    """All commands move the first link, and reports call it Link 1 (checks 155 to 159)."""
+    """All commands move the first link, and reports call it Link 1 (protocol 155 to 159)."""
     spawn(stage, client, "P2AT", "{Dialect ut2004}")
     client.send(command)
     settle(stage, client, 3.5)
@@ -170,7 +170,7 @@ def test_every_way_to_move_a_link(stage: Rehearsal, client: RehearsedClient, com
 
 
 def test_all_joints(stage: Rehearsal, client: RehearsedClient) -> None:
-    """AllJoints addresses both links of the pan-tilt (check 156)."""
+    """AllJoints addresses both links of the pan-tilt (protocol 156)."""
     spawn(stage, client, "P2AT")
     client.send("SET {Type Joint} {Name AllJoints} {Opcode Angle} {Params 0.3}")
     assert client.take() == [
@@ -185,7 +185,7 @@ def test_all_joints(stage: Rehearsal, client: RehearsedClient) -> None:
 def test_links_stop_at_their_limits(
     stage: Rehearsal, client: RehearsedClient, value: float, stop: float
 ) -> None:
-    """Positions and speeds beyond the limits end at the limit (check 160)."""
+    """Positions and speeds beyond the limits end at the limit (protocol 160)."""
     spawn(stage, client, "P2AT")
     client.send(f"MISPKG {{Name CameraPanTilt}} {{Link 2}} {{Value {value}}}")
     settle(stage, client, 5.5)
@@ -196,7 +196,7 @@ def test_links_stop_at_their_limits(
 
 
 def test_speeds_and_torques(stage: Rehearsal, client: RehearsedClient) -> None:
-    """Order 1 turns at a speed, never faster than announced; order 2 pushes (3.9)."""
+    """Order 1 turns at a speed, never faster than announced; order 2 pushes (protocol 3.9)."""
     spawn(stage, client, "P2AT")
     client.send("MISPKG {Name CameraPanTilt} {Link 1} {Value 0.1} {Order 1}")
     settle(stage, client, 1.0)
@@ -253,7 +253,7 @@ def test_wheel_commands_with_a_robot_name_still_drive(
 
 
 def test_without_power_nothing_moves(stage: Rehearsal, client: RehearsedClient) -> None:
-    """An empty battery silences the pan-tilt and leaves it where it is (3.1 column B)."""
+    """An empty battery silences the pan-tilt and leaves it where it is (protocol 3.1 column B)."""
     client.send("INIT {ClassName P2AT} {Battery 1} {Location 0,0,-0.25}")
     stage.run(1.5)
     client.take()

@@ -28,7 +28,7 @@ def tiles(board: CameraBoard) -> list[int | None]:
 
 
 def test_first_camera_lies_at_the_origin() -> None:
-    """The first camera of all has offsets 0, 0 (check 36)."""
+    """The first camera of all has offsets 0, 0 (side channels 36)."""
     board = CameraBoard(Grid())
     first = add(board, 1)
     assert first.tile == 0
@@ -38,7 +38,7 @@ def test_first_camera_lies_at_the_origin() -> None:
 
 @pytest.mark.parametrize(("columns", "rows"), [(4, 4), (3, 2), (2, 5), (1, 8)])
 def test_offsets_follow_the_columns(columns: int, rows: int) -> None:
-    """Camera i lies at ((i mod c) W, (i div c) H) in any grid, square or not (check 37)."""
+    """Camera i lies at ((i mod c) W, (i div c) H) in any grid, square or not (side channels 37)."""
     board = CameraBoard(Grid(columns, rows, 100, 50))
     for i in range(columns * rows):
         tile = add(board, i).tile
@@ -48,7 +48,8 @@ def test_offsets_follow_the_columns(columns: int, rows: int) -> None:
 
 
 def test_each_camera_item_counts() -> None:
-    """A robot with two cameras fills two tiles, the next robot gets the third (check 42)."""
+    """A robot with two cameras fills two tiles, the next robot gets the third
+    (side channels 42)."""
     board = CameraBoard(Grid())
     add(board, 7, "CameraTop")
     add(board, 7, "CameraBottom")
@@ -57,7 +58,8 @@ def test_each_camera_item_counts() -> None:
 
 
 def test_surplus_cameras_have_no_tile() -> None:
-    """With more cameras than tiles those that have one keep it, the others exist (check 43)."""
+    """With more cameras than tiles those that have one keep it, the others exist
+    (side channels 43)."""
     board = CameraBoard(Grid(2, 1))
     for robot in range(3):
         add(board, robot)
@@ -65,7 +67,7 @@ def test_surplus_cameras_have_no_tile() -> None:
 
 
 def test_a_new_camera_takes_the_lowest_free_tile() -> None:
-    """After robots left, a newcomer fills the first gap; nobody else moves (check 44)."""
+    """After robots left, a newcomer fills the first gap; nobody else moves (side channels 44)."""
     board = CameraBoard(Grid())
     for robot in range(4):
         add(board, robot)

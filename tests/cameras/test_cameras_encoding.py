@@ -78,21 +78,21 @@ def test_every_region_of_a_frame_is_cut_out_of_its_tiles() -> None:
 
 @pytest.mark.parametrize("width", [1, 2, 3, 4, 5, 320])
 def test_raw_rows_are_filled_and_complete(width: int) -> None:
-    """Checks 13 and 14: size, filled rows, and every pixel of the region in its place."""
+    """Side channels 13 and 14: size, filled rows, and every pixel of the region in its place."""
     source = frame()
     found = raw_pixels(Encoder(RAW).encode(source, Region(7, 11, width, 9)))
     assert np.array_equal(found, source.pixels[11:20, 7 : 7 + width])
 
 
 def test_red_is_the_last_byte_of_a_raw_pixel() -> None:
-    """Check 15: pure red is 00 00 FF."""
+    """Side channels 15: pure red is 00 00 FF."""
     pixels = np.zeros((2, 4, 3), dtype=np.uint8)
     pixels[:, :, 0] = 255
     assert Encoder(RAW).encode(frame(1, pixels), Region(0, 0, 4, 2))[9:] == b"\0\0\xff" * 8
 
 
 def test_first_raw_row_is_the_top() -> None:
-    """Check 16: a picture with a white top row begins with white."""
+    """Side channels 16: a picture with a white top row begins with white."""
     pixels = np.zeros((3, 4, 3), dtype=np.uint8)
     pixels[0] = 255
     payload = Encoder(RAW).encode(frame(1, pixels), Region(0, 0, 4, 3))[9:]
@@ -104,7 +104,7 @@ def test_first_raw_row_is_the_top() -> None:
 
 @pytest.mark.parametrize("number", [1, 2, 3, 4, 5, 77])
 def test_jpeg_is_a_whole_file_of_the_region(number: int) -> None:
-    """Checks 10 to 12: type, length, FF D8 to FF D9, and the content of the region."""
+    """Side channels 10 to 12: type, length, FF D8 to FF D9, and the content of the region."""
     source = frame()
     message = Encoder(ImageType(number)).encode(source, TILE)
     assert message[0] == number
@@ -117,12 +117,12 @@ def test_jpeg_is_a_whole_file_of_the_region(number: int) -> None:
 
 
 def test_full_frame_decodes_to_its_full_size() -> None:
-    """Check 12."""
+    """Side channels 12."""
     assert jpeg_pixels(Encoder(NORMAL).encode(frame(), GRID.frame)).shape == (960, 1280, 3)
 
 
 def test_better_types_are_larger() -> None:
-    """Check 18, for every neighbour: SUPER > GOOD > NORMAL > FAIR > BAD."""
+    """Side channels 18, for every neighbour: SUPER > GOOD > NORMAL > FAIR > BAD."""
     sizes = [len(Encoder(ImageType(number)).encode(frame(), TILE)) for number in range(1, 6)]
     assert sizes == sorted(sizes, reverse=True)
     assert len(set(sizes)) == 5

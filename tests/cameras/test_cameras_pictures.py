@@ -69,7 +69,7 @@ def test_a_robot_is_seen_by_another(yard: Yard, make_painter: MakePainter) -> No
 
 
 def test_the_first_row_is_the_top(yard: Yard, make_painter: MakePainter) -> None:
-    """The sky is in the first rows, the floor in the last (check 16)."""
+    """The sky is in the first rows, the floor in the last (side channels 16)."""
     robot = yard.park(0.0, 0.0)
     picture = seen(make_painter(), yard, robot).astype(int)
     assert (picture[0, :, 2] > 2 * picture[0, :, 0]).all()
@@ -78,7 +78,7 @@ def test_the_first_row_is_the_top(yard: Yard, make_painter: MakePainter) -> None
 
 
 def test_zoom_narrows_the_picture(yard: Yard, make_painter: MakePainter) -> None:
-    """With half the slope the box is twice as wide (check 45)."""
+    """With half the slope the box is twice as wide (side channels 45)."""
     robot, painter = yard.park(0.0, 0.0), make_painter()
 
     def width(fov: float) -> float:

@@ -47,7 +47,7 @@ class TestWatching:
         assert stage.render_loop.pictures == 1
 
     def test_every_camera_is_in_its_own_tile(self, stage: Set) -> None:
-        """What a robot sees is in its tile and nowhere else (check 21)."""
+        """What a robot sees is in its tile and nowhere else (side channels 21)."""
         watcher = stage.watch(GRID.frame)
         frame = watcher.wait()
         assert [tile for tile in range(4) if is_red(part(frame, tile)).any()] == [0, 2]
@@ -95,7 +95,8 @@ class TestWatching:
         assert second.wait() is first.frames[-1]
 
     def test_regions_without_cameras_need_no_rendering(self, stage: Set) -> None:
-        """A plain tile is up to date without anybody watching; also before any robot (check 1)."""
+        """A plain tile is up to date without anybody watching; also before any robot
+        (side channels 1)."""
         frame = stage.render_loop.newest(GRID.region(3))
         assert frame is not None
         assert empty(frame, 3)
@@ -173,7 +174,8 @@ class TestTurns:
 
     @pytest.mark.parametrize("rate", [15.0, 4.0])
     def test_at_most_so_many_pictures_per_simulated_second(self, stage: Set, rate: float) -> None:
-        """However finely the clock moves, a camera gets its rate and no more (2.6)."""
+        """However finely the clock moves, a camera gets its rate and no more
+        (side channels 2.6)."""
         stage.world.speed = math.inf  # the clock goes as it likes
         render_loop = stage.make(rate=rate)
         watcher = Watcher()

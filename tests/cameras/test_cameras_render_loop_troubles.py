@@ -35,7 +35,8 @@ class TestComingsAndGoings:
     """Cameras appear and disappear."""
 
     def test_the_tile_of_a_camera_that_left_is_plain(self, stage: Set) -> None:
-        """Nobody is shown a robot's picture after it has gone; the geometry stays (check 35)."""
+        """Nobody is shown a robot's picture after it has gone; the geometry stays
+        (side channels 35)."""
         watcher = stage.watch(GRID.frame)
         watcher.wait()
         stage.board.views = stage.board.views[1:]
@@ -61,7 +62,8 @@ class TestComingsAndGoings:
         assert empty(frame, 0)
 
     def test_a_new_camera_appears_for_those_who_watch(self, stage: Set) -> None:
-        """Who watches the full frame sees a robot that comes while time stands still (check 36)."""
+        """Who watches the full frame sees a robot that comes while time stands still
+        (side channels 36)."""
         later, stage.board.views = stage.board.views, ()
         watcher = stage.watch(GRID.frame)
         watcher.wait()
@@ -70,7 +72,8 @@ class TestComingsAndGoings:
         assert is_red(part(watcher.frames[-1], 0)).any()
 
     def test_more_cameras_than_tiles(self, stage: Set) -> None:
-        """A camera without a tile is left out; the others keep their pictures (check 43)."""
+        """A camera without a tile is left out; the others keep their pictures
+        (side channels 43)."""
         surplus = tuple(camera(stage.robots[0], None, key=key) for key in (90, 91))
         stage.board.views = (*stage.board.views, *surplus)
         watcher = stage.watch(GRID.frame)

@@ -76,7 +76,7 @@ def red_part(yard: Yard, make_painter: MakePainter, distance: float) -> float:
     ("distance", "seen"), [(0.10, False), (0.11, False), (0.13, True), (2 * NEAR, True)]
 )
 def test_the_near_plane(yard: Yard, make_painter: MakePainter, distance: float, seen: bool) -> None:
-    """Nothing nearer than 0.12 m is drawn: a thing at 0.10 m is not there (#102)."""
+    """Nothing nearer than 0.12 m is drawn: a thing at 0.10 m is not there (robots 102)."""
     assert red_part(yard, make_painter, distance) == pytest.approx(1.0 if seen else 0.0, abs=0.02)
 
 

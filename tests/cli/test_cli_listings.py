@@ -191,7 +191,7 @@ def test_shipped_robots_are_listed_and_described(capsys) -> None:
     assert main(["robots", "USARBot.p3at"]) == 0
     lines = squeezed(capsys.readouterr().out)
     assert lines[0].startswith("P3AT: ")
-    assert "mass 11.9 kg" in lines  # robots reference, checklist 5
+    assert "mass 11.9 kg" in lines  # robots reference, protocol 5
     assert any(line.startswith("lms200 ") for line in lines)
 
 

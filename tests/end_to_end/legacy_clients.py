@@ -64,7 +64,8 @@ class LegacyClient(Closing):
 
 
 class Player(LegacyClient):
-    """The Player driver: one line of at most 4096 bytes at a time, fields between blanks (5.1.4).
+    """The Player driver: one line of at most 4096 bytes at a time, fields between blanks
+    (protocol 5.1.4).
 
     A pause of 100 ms would end a line early, too. That is not played: a busy machine makes pauses.
 
@@ -140,7 +141,7 @@ class Player(LegacyClient):
 
 
 class Maldo(LegacyClient):
-    """A Java client that cuts behind Type, splits at `} {` and counts the pieces (5.1.5).
+    """A Java client that cuts behind Type, splits at `} {` and counts the pieces (protocol 5.1.5).
 
     Attributes:
         read: number of lines understood, by type.
@@ -202,7 +203,7 @@ class Maldo(LegacyClient):
 
 
 class Ros(LegacyClient):
-    """The ROS driver: asks for CONF, then GEO of whatever streams, one at a time (5.1.1).
+    """The ROS driver: asks for CONF, then GEO of whatever streams, one at a time (protocol 5.1.1).
 
     Attributes:
         found: state of every sensor by (type, name): "asked CONF", "asked GEO" or "ready".
@@ -306,7 +307,7 @@ class Ros(LegacyClient):
 
 
 class Iridium(LegacyClient):
-    """The operator's console: splits at any brace and needs certain keys together (5.1.2).
+    """The operator's console: splits at any brace and needs certain keys together (protocol 5.1.2).
 
     Attributes:
         level: name of the map. starts: start poses by tag.
@@ -357,7 +358,7 @@ class Iridium(LegacyClient):
 
 
 class SliderController(LegacyClient):
-    """One question, one line read as its answer; sliders refuse reversed limits (5.1.3).
+    """One question, one line read as its answer; sliders refuse reversed limits (protocol 5.1.3).
 
     Attributes:
         sliders: (minimum, maximum) by link number of CONF. reached: positions by link number.

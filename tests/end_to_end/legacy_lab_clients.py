@@ -12,7 +12,8 @@ from usarsim_server.testing import PATIENCE, time_of
 
 
 class AutToolbox(LegacyClient):
-    """MATLAB functions: flush 4096 bytes, wait half a second for a line with a pattern (5.1.6)."""
+    """MATLAB functions: flush 4096 bytes, wait half a second for a line with a pattern
+    (protocol 5.1.6)."""
 
     timeout = 0.5
     """s that a function waits; of simulated time here, as the lines tell it."""
@@ -62,7 +63,7 @@ class AutToolbox(LegacyClient):
 
 
 class Rdk(LegacyClient):
-    """RDK reads words in sequence and wants small `status`, View and Battery (5.1.7).
+    """RDK reads words in sequence and wants small `status`, View and Battery (protocol 5.1.7).
 
     Attributes:
         status: (battery, view) of the last STA it accepted.
@@ -112,7 +113,8 @@ class Rdk(LegacyClient):
 
 
 class UvaStudent(LegacyClient):
-    """Python: chunks of 1024 bytes, each split for itself; fixed places in the line (5.1.8).
+    """Python: chunks of 1024 bytes, each split for itself; fixed places in the line
+    (protocol 5.1.8).
 
     Attributes:
         pose: of the last Odometry line. sonars: F1..F8. results: types of RES lines.
@@ -140,7 +142,8 @@ class UvaStudent(LegacyClient):
 
 
 class UvaRescue(LegacyClient):
-    """VB.NET on Mono: lines end in LF; a dictionary per line, the first of a key wins (5.1.9)."""
+    """VB.NET on Mono: lines end in LF; a dictionary per line, the first of a key wins
+    (protocol 5.1.9)."""
 
     end = b"\n"
 
@@ -164,7 +167,7 @@ class UvaRescue(LegacyClient):
 
 
 class Ades(LegacyClient):
-    """C#: splits every received chunk at line ends, forgets what is left over (5.1.11)."""
+    """C#: splits every received chunk at line ends, forgets what is left over (protocol 5.1.11)."""
 
     def chunk(self) -> list[str]:
         """The lines of one chunk, broken ones included."""

@@ -31,7 +31,7 @@ def _alive(client: ScriptedClient) -> None:
 
 
 def test_random_bytes(client: ScriptedClient) -> None:
-    """After 1000 lines of random bytes a valid command works (check 19)."""
+    """After 1000 lines of random bytes a valid command works (protocol 19)."""
     chance = random.Random(7)
     for _ in range(1000):
         client.send_bytes(chance.randbytes(chance.randrange(1, 120)) + b"\n")
@@ -39,7 +39,7 @@ def test_random_bytes(client: ScriptedClient) -> None:
 
 
 def test_long_lines(client: ScriptedClient) -> None:
-    """A 65536 byte line is processed, a 1 MiB one is discarded, both live on (check 20)."""
+    """A 65536 byte line is processed, a 1 MiB one is discarded, both live on (protocol 20)."""
     padding = " " * (65536 - len("GETSTARTPOSES {x}"))
     client.send("GETSTARTPOSES {x" + padding + "}")
     assert client.wait_for("NFO {StartPoses")
@@ -86,7 +86,7 @@ def test_connections_that_never_read(server: ServerProcess, connect: Connect) ->
     ],
 )
 def test_a_bad_init_leaves_the_connection_usable(connect: Connect, init: str) -> None:
-    """Whatever INIT says, a proper one on the same connection works afterwards (check 71)."""
+    """Whatever INIT says, a proper one on the same connection works afterwards (protocol 71)."""
     client = connect()
     client.wait_for("NFO {Gametype")
     client.send(init)
@@ -96,7 +96,8 @@ def test_a_bad_init_leaves_the_connection_usable(connect: Connect, init: str) ->
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e308", "-1e308", "1e999", "x" * 300])
 def test_silly_drive_values(connect: Connect, value: str) -> None:
-    """The robot stays finite and where robots can be, and another one does not notice (45, 53)."""
+    """The robot stays finite and where robots can be, and another one does not notice (protocol 45,
+    53)."""
     client, other = connect(), connect()
     client.send("INIT {ClassName P2AT} {Location 70,0,-0.3}")
     other.send("INIT {ClassName P2AT} {Location 73,0,-0.3}")

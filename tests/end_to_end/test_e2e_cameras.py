@@ -69,7 +69,8 @@ def fields(line: str) -> dict[str, str]:
 
 
 def test_two_robots_get_tiles_0_and_1(spawn: Callable[..., ScriptedClient]) -> None:
-    """Unasked CONF before the first STA, the same when asked, exact (checks 36 to 41, 138)."""
+    """Unasked CONF before the first STA, the same when asked, exact (side channels 36 to 41,
+    protocol 138)."""
     for number, init in enumerate(("{ClassName P3AT}", "{Classname P2AT}")):
         client = spawn(init)
         text = (
@@ -83,7 +84,8 @@ def test_two_robots_get_tiles_0_and_1(spawn: Callable[..., ScriptedClient]) -> N
 
 
 def test_configuration_comes_unasked(server: tuple[Assembly, int]) -> None:
-    """It is the first line after INIT in udk; ut2004 gets one that it passes over (check 38)."""
+    """It is the first line after INIT in udk; ut2004 gets one that it passes over
+    (side channels 38)."""
     conf, nfo = "CONF {Type Camera} {Name Camera}{TextureOffsetX 0}", "NFO {Status CameraTile}"
     for dialect, first in (("udk", conf), ("ut2004", nfo)):
         with ScriptedClient(server[1]) as client:
@@ -98,7 +100,8 @@ def test_configuration_comes_unasked(server: tuple[Assembly, int]) -> None:
 def test_tile_of_a_robot_that_left_is_given_away(
     spawn: Callable[..., ScriptedClient], server: tuple[Assembly, int]
 ) -> None:
-    """The next camera takes the lowest free tile; the others stay where they are (check 44)."""
+    """The next camera takes the lowest free tile; the others stay where they are
+    (side channels 44)."""
     stereo = spawn("{ClassName StereoP2AT} {Dialect udk}")
     other = spawn("{ClassName P3AT}")
     told = ask(stereo, "GETCONF {Type Camera}")
@@ -114,7 +117,8 @@ def test_tile_of_a_robot_that_left_is_given_away(
 def test_zoom_changes_what_conf_says(
     spawn: Callable[..., ScriptedClient], server: tuple[Assembly, int]
 ) -> None:
-    """FOV 0.5 narrows the view, without a reply; nameless 0.35 and 0 too (checks 45, 101, 166)."""
+    """FOV 0.5 narrows the view, without a reply; nameless 0.35 and 0 too (side channels 45,
+    robots 101, protocol 166)."""
     client = spawn("{ClassName P3AT}")
     for text, shown in (
         ("{Opcode FOV} {Params 0.5}", "29.0000"),
@@ -136,7 +140,7 @@ def test_zoom_changes_what_conf_says(
 
 
 def test_geometry_names_the_link(spawn: Callable[..., ScriptedClient]) -> None:
-    """The camera of a P2AT sits on its pan-tilt, that of a P3AT on the body (check 134)."""
+    """The camera of a P2AT sits on its pan-tilt, that of a P3AT on the body (protocol 134)."""
     old, new = spawn("{ClassName P2AT}"), spawn("{ClassName P3AT}")
     assert ask(old, "GETGEO {Type Camera}").endswith("Mount CameraPanTilt_Link2}")
     assert ask(new, "GETGEO {Type Camera} {Name Camera}").endswith("{Mount P3AT}")
@@ -145,7 +149,7 @@ def test_geometry_names_the_link(spawn: Callable[..., ScriptedClient]) -> None:
 def test_viewports_never_break_the_connection(
     spawn: Callable[..., ScriptedClient], server: tuple[Assembly, int]
 ) -> None:
-    """Known clients choose a single camera; nonsense is answered or ignored (check 46)."""
+    """Known clients choose a single camera; nonsense is answered or ignored (side channels 46)."""
     client = spawn("{ClassName StereoP2AT}")
     client.send("SET {Type Viewports} {Config SingleView} {Viewport1 RightCamera}")
     assert "{Config SingleView} {Status OK} {Viewport1 RightCamera}" in client.wait_for("RES")
@@ -174,7 +178,8 @@ def test_a_connection_without_a_robot_binds_a_view(
 
 
 def test_surplus_cameras_and_other_grids() -> None:
-    """A grid of one small tile: the first camera has it, the others report the origin (40, 43)."""
+    """A grid of one small tile: the first camera has it, the others report the origin
+    (side channels 40, 43)."""
     with running_server(**QUICK, tiles=(1, 1), tile_size=(176, 144)) as (assembly, endpoints):
         port = endpoints["control"].port
         with ScriptedClient(port) as first, ScriptedClient(port) as second:
@@ -329,7 +334,7 @@ Spawn = Callable[..., ScriptedClient]
 
 
 def test_a_box_before_the_second_robot_is_in_its_tile_only(viewer: Viewer, placing: Spawn) -> None:
-    """Each robot's view is in its own tile (checks 21, 36, 37); `top` is in the first."""
+    """Each robot's view is in its own tile (side channels 21, 36, 37); `top` is in the first."""
     placing("A")
     placing("B")
     until(lambda: red(viewer.tile(2)).sum() > 1000)
@@ -347,7 +352,8 @@ def test_a_box_before_the_second_robot_is_in_its_tile_only(viewer: Viewer, placi
 
 
 def test_the_picture_follows_the_robot(viewer: Viewer, placing: Spawn) -> None:
-    """Two pictures differ when the robot moves between them (check 34): to the left, box right."""
+    """Two pictures differ when the robot moves between them (side channels 34): to the left, box
+    right."""
     robot = placing("B")
 
     def middle() -> float:
@@ -376,7 +382,8 @@ def test_headlights_brighten_the_box(viewer: Viewer, placing: Spawn) -> None:
 
 
 def test_zoom_makes_the_box_larger(viewer: Viewer, placing: Spawn) -> None:
-    """`SET {Type Camera} ... {Opcode FOV}` narrows the picture, 0 restores it (check 45)."""
+    """`SET {Type Camera} ... {Opcode FOV}` narrows the picture, 0 restores it
+    (side channels 45)."""
     robot = placing("B")
     before = red(viewer.tile(1)).sum()
     robot.send("SET {Type Camera} {Name Camera} {Opcode FOV} {Params 0.7}")
@@ -386,7 +393,8 @@ def test_zoom_makes_the_box_larger(viewer: Viewer, placing: Spawn) -> None:
 
 
 def test_a_robot_that_leaves_takes_its_picture_along(viewer: Viewer, placing: Spawn) -> None:
-    """The socket stays open, the frame keeps its size, the tile becomes plain (check 35)."""
+    """The socket stays open, the frame keeps its size, the tile becomes plain
+    (side channels 35)."""
     robot = placing("B")
     assert red(viewer.tile(1)).any()
     robot.close()

@@ -103,7 +103,7 @@ def number(line: str, key: str) -> float:
 
 
 def test_ten_seconds_of_silence(stage: Rehearsal) -> None:
-    """Who sends no command hears nothing more, for ten simulated seconds (check 5)."""
+    """Who sends no command hears nothing more, for ten simulated seconds (protocol 5)."""
     client = stage.connect()
     client.send("")
     client.take()
@@ -114,7 +114,8 @@ def test_ten_seconds_of_silence(stage: Rehearsal) -> None:
 
 @pytest.mark.parametrize("dialect", ["ut2004", "udk"])
 def test_time_never_runs_back(hire: Hire, dialect: str) -> None:
-    """All lines of a connection that tell a time tell it in order; it moves with the world (67).
+    """All lines of a connection that tell a time tell it in order; it moves with the world
+    (protocol 67).
 
     Kinds of lines print two to four digits, cut off: beyond two digits lines of one moment differ.
     """
@@ -135,7 +136,8 @@ def test_time_never_runs_back(hire: Hire, dialect: str) -> None:
 
 
 def test_status_of_aircraft(hire: Hire) -> None:
-    """The type stands right after the head in ut2004 (87); battery and time are well formed."""
+    """The type stands right after the head in ut2004 (protocol 87); battery and time are well
+    formed."""
     player = hire("AirRobot", "{Location 0,0,-2} {Dialect ut2004}")
     line = player.status()
     assert re.match(r"STA \{Type AerialVehicle\} \{Time \d+\.\d\d\} ", line), line
@@ -148,7 +150,8 @@ def test_status_of_aircraft(hire: Hire) -> None:
     ("key", "axis"), [("AltitudeVelocity", 2), ("LinearVelocity", 0), ("LateralVelocity", 1)]
 )
 def test_directions_of_flight(hire: Hire, dialect: str, key: str, axis: int) -> None:
-    """Positive is up, ahead and to the right of the wire, nothing else moves; zeros hover (151)."""
+    """Positive is up, ahead and to the right of the wire, nothing else moves; zeros hover
+    (protocol 151)."""
     player = hire("AirRobot", f"{{Location 0,0,-5}} {{Dialect {dialect}}}")
     before = player.place
     player.play(f"DRIVE {{{key} 1}}", 2.0)
@@ -165,7 +168,7 @@ def test_directions_of_flight(hire: Hire, dialect: str, key: str, axis: int) -> 
 
 @pytest.mark.parametrize(("dialect", "value"), [("udk", "90"), ("ut2004", "1.5708")])
 def test_turning_of_aircraft(hire: Hire, dialect: str, value: str) -> None:
-    """A quarter turn clockwise per second: 90 in udk, 1.5708 in ut2004 (151, 152)."""
+    """A quarter turn clockwise per second: 90 in udk, 1.5708 in ut2004 (protocol 151, 152)."""
     player = hire("AirRobot", f"{{Location 0,0,-2}} {{Dialect {dialect}}}")
     player.play(f"DRIVE {{RotationalVelocity {value}}}", 1.0)
     before = player.yaw
@@ -178,7 +181,7 @@ def test_turning_of_aircraft(hire: Hire, dialect: str, value: str) -> None:
 
 
 def test_speed_alone_drives_a_car_in_ut2004(hire: Hire) -> None:
-    """Speed alone is enough, and keeps the steering; angles end at the range (149)."""
+    """Speed alone is enough, and keeps the steering; angles end at the range (protocol 149)."""
     car = hire("Sedan", "{Location 0,0,-0.5} {Dialect ut2004}")
     start = car.place
     car.play("DRIVE {Speed 4}", 2.0)
@@ -196,7 +199,7 @@ def test_speed_alone_drives_a_car_in_ut2004(hire: Hire) -> None:
 
 
 def test_a_car_of_udk_wants_all_three(hire: Hire) -> None:
-    """One or two of Speed, FrontSteer and RearSteer do nothing, all three drive (149)."""
+    """One or two of Speed, FrontSteer and RearSteer do nothing, all three drive (protocol 149)."""
     car = hire("FrontAckerman", "{Location 0,0,-0.5} {Dialect udk}")
     start = car.place
     for part in ("{Speed 0.5}", "{Speed 0.5} {FrontSteer 0.2}", "{FrontSteer 0.2} {RearSteer 0}"):
@@ -213,7 +216,7 @@ def test_a_car_of_udk_wants_all_three(hire: Hire) -> None:
 
 @pytest.mark.parametrize("robot_class", ["Kenaf", "TeleMax"])
 def test_flippers_are_told_in_order(hire: Hire, robot_class: str) -> None:
-    """STA of ut2004 lists FR, FL, RR and RL, between RearSteer and LightToggle (88)."""
+    """STA of ut2004 lists FR, FL, RR and RL, between RearSteer and LightToggle (protocol 88)."""
     line = hire(robot_class, "{Location 0,0,-0.3} {Dialect ut2004}").status()
     keys = re.findall(r"\{(\w+) ", line)
     at = keys.index("RearSteer")
@@ -222,7 +225,7 @@ def test_flippers_are_told_in_order(hire: Hire, robot_class: str) -> None:
 
 @pytest.mark.parametrize("dialect", ["ut2004", "udk"])
 def test_several_flippers_move_at_once(hire: Hire, dialect: str) -> None:
-    """Both front flippers go to 0.5 rad, the rear ones stay; names have no case (154)."""
+    """Both front flippers go to 0.5 rad, the rear ones stay; names have no case (protocol 154)."""
     player = hire("Kenaf", f"{{Location 0,0,-0.1}} {{Dialect {dialect}}}")
     player.play("MULTIDRIVE {FRFlipper 0.5} {FLflipper 0.5}", 2.0)
     angles = [player.body.joint_position(name) for name in FLIPPERS]
@@ -251,7 +254,8 @@ def test_camera_mounts_do_not_turn_with_the_robot(
 
 
 def test_zoom_of_the_player_driver(hire: Hire) -> None:
-    """A nameless group after Opcode is the parameter (166), within the limits of CONF (138)."""
+    """A nameless group after Opcode is the parameter (protocol 166), within the limits of CONF
+    (protocol 138)."""
     player = hire("P2AT", "{Location 40,0,-0.3} {Dialect ut2004}")
 
     def view(command: str) -> float:
@@ -278,13 +282,13 @@ def _all_bytes(client: ScriptedClient, seconds: float) -> bytes:
 
 
 def test_the_default_port() -> None:
-    """Without options the server listens where every legacy client looks for it (check 1)."""
+    """Without options the server listens where every legacy client looks for it (protocol 1)."""
     assert Settings().port == 3000
 
 
 @pytest.mark.parametrize("dialect", ["ut2004", "udk"])
 def test_bytes_of_a_stream(connect: Connect, dialect: str) -> None:
-    """Lines end in CR LF and nothing else looks like an end, blank or tab (checks 6, 7, 8, 9)."""
+    """Lines end in CR LF and nothing else looks like an end, blank or tab (protocol 6, 7, 8, 9)."""
     client = connect()
     client.send(f"INIT {{ClassName P3AT_real}} {{Location -60,0,-0.3}} {{Dialect {dialect}}}")
     for wire_type in ("Robot", "Sonar", "RangeScanner", "Encoder"):
@@ -301,7 +305,8 @@ def test_bytes_of_a_stream(connect: Connect, dialect: str) -> None:
 
 
 def test_silence_of_strange_commands(client: ScriptedClient) -> None:
-    """A connection without robot hears nothing after commands that need one (checks 5, 28, 41)."""
+    """A connection without robot hears nothing after commands that need one (protocol 5, 28,
+    41)."""
     for text in ("", "  ", "DRIVE {Left 1} {Right 1}", "GETCONF {Type Robot}", "NONSENSE {a b}"):
         client.send(text)
     client.send("CONTROL {Type GetSTA}\r\nMISPKG {Name x} {Link 1} {Value 1}\r\nTRACE {On true}")
@@ -310,7 +315,7 @@ def test_silence_of_strange_commands(client: ScriptedClient) -> None:
 
 
 def test_an_unfinished_command_waits(client: ScriptedClient) -> None:
-    """However long it takes, a command runs when its end arrives and not before (check 27)."""
+    """However long it takes, a command runs when its end arrives and not before (protocol 27)."""
     client.send_bytes(b"GETSTARTPOSES\r\nGETSTART")
     assert client.read_line().startswith("NFO {StartPoses")
     assert client.read_for(0.6) == []
@@ -319,7 +324,7 @@ def test_an_unfinished_command_waits(client: ScriptedClient) -> None:
 
 
 def test_no_answer_for_what_does_not_exist(client: ScriptedClient) -> None:
-    """Unknown types and names get no line; the next question is answered (check 126)."""
+    """Unknown types and names get no line; the next question is answered (protocol 126)."""
     client.send("INIT {ClassName P2AT} {Location -60,6,-0.3}")
     client.send("GETCONF {Type Zilch}\r\nGETGEO {Type Sonar} {Name F99}\r\nGETGEO {Type Robot}")
     assert client.read_line().startswith("GEO {Type GroundVehicle}")
@@ -329,7 +334,7 @@ def test_no_answer_for_what_does_not_exist(client: ScriptedClient) -> None:
 
 
 def test_every_streamed_item_answers_in_time(client: ScriptedClient) -> None:
-    """CONF and GEO of every item that streams come, without another question (check 125)."""
+    """CONF and GEO of every item that streams come, without another question (protocol 125)."""
     client.send("INIT {ClassName P2AT} {Location -60,12,-0.3}")
     items: set[tuple[str, str]] = set()
     for line in client.listen(1.0):
@@ -402,7 +407,8 @@ UDK_TIME = r"\{Time \d+\.\d{4}\}"
     ],
 )
 def test_first_lines_have_the_dialect(connect: Connect, init: str, udk: bool) -> None:
-    """From the first streamed line the shapes are those of the client's era (173 to 176)."""
+    """From the first streamed line the shapes are those of the client's era (protocol 173 to
+    176)."""
     client = connect()
     client.send(init.replace("}", "} {Location -60,30,-0.3}", 1))
     status = client.wait_for("STA")
@@ -413,7 +419,7 @@ def test_first_lines_have_the_dialect(connect: Connect, init: str, udk: bool) ->
 
 @pytest.mark.parametrize("fixed", ["ut2004", "udk"])
 def test_a_fixed_port_never_changes(fixed: str) -> None:
-    """Neither class, nor spelling, nor request, nor INIT's own wish counts there (check 177)."""
+    """Neither class, nor spelling, nor request, nor INIT's own wish counts there (protocol 177)."""
     with ServerProcess("--world", "empty", "--dialect", fixed) as server:
         for index, init in enumerate(
             (
@@ -430,7 +436,7 @@ def test_a_fixed_port_never_changes(fixed: str) -> None:
 
 
 def test_the_question_after_init_is_answered_first(client: ScriptedClient) -> None:
-    """INIT and GETCONF Actuator in one packet: the next line is the CONF (check 142)."""
+    """INIT and GETCONF Actuator in one packet: the next line is the CONF (protocol 142)."""
     client.send("INIT {ClassName P2AT} {Location -60,36,-0.3}\r\nGETCONF {Type Actuator}")
     assert client.read_line().startswith("CONF {Type Actuator} {Name CameraPanTilt} {Link 1} ")
     assert client.read_line().startswith("CONF {Type Camera} {Name Camera}{TextureOffsetX ")

@@ -89,7 +89,7 @@ def upright(vehicle: Vehicle) -> float:
 
 @pytest.mark.parametrize("robot_class", ["KR60", "TwoLink", "ComStation"])
 def test_static_platforms_stand(stage: Rehearsal, hire: Hire, robot_class: str) -> None:
-    """DRIVE, gravity and a robot that runs into it do not move a platform (5.1 #13)."""
+    """DRIVE, gravity and a robot that runs into it do not move a platform (robots 13)."""
     high, hanging = hire(robot_class, "{Location 0,8,-1.5}")
     low, standing = hire(robot_class, "{Location 0,0,-0.25}")
     everything = "{Left 5} {Right 5} {Speed 5} {FrontSteer 1} {RearSteer 1} {LinearVelocity 1}"
@@ -116,7 +116,7 @@ def test_robots_of_the_later_generation(
     stage: Rehearsal, hire: Hire, robot_class: str, separation: float, mass: float | None
 ) -> None:
     """GEO and CONF tell the track and the mass of the originals; a Kiva weighs what the physics
-    moves (5.1 #7, #8)."""
+    moves (robots 7, 8)."""
     client, robot = hire(robot_class, "{Location 40,0,-0.5}")
     client.send("GETGEO {Type Robot}")
     (geo,) = re.findall(r"\{WheelSeparation ([\d.]+)\}", client.take("GEO")[0])
@@ -135,7 +135,7 @@ def test_robots_of_the_later_generation(
 def test_flip_rights_a_robot_of_the_old_generation(
     stage: Rehearsal, hire: Hire, dialect: str, rights: bool
 ) -> None:
-    """An overturned P2AT gets up on Flip in ut2004 and lies on in udk (5.2 #50)."""
+    """An overturned P2AT gets up on Flip in ut2004 and lies on in udk (robots 50)."""
     more = f"{{Location 20,0,-0.6}} {{Rotation 3.14159,0,0.5}} {{Dialect {dialect}}}"
     client, robot = hire("P2AT", more)
     stage.run(1.0)
@@ -147,7 +147,7 @@ def test_flip_rights_a_robot_of_the_old_generation(
 
 def test_a_wall_stops_a_robot_on_the_wire(tmp_path: Path) -> None:
     """At full speed into a wall: its nose sinks in by less than 1 cm, it does not climb, and what
-    it tells of itself says so (5.3 #59)."""
+    it tells of itself says so (robots 59)."""
     folder = world(tmp_path, '<geom type="box" pos="2 0 1" size="0.1 3 1"/>')
     with Rehearsal(world=str(folder)) as yard:
         client = yard.connect()
@@ -179,7 +179,7 @@ def place_xy(point: Vector) -> tuple[float, float]:
 @pytest.mark.slow
 def test_four_robots_for_a_while(stage: Rehearsal, hire: Hire) -> None:
     """Four robots drive and sense for 36 s: nothing is warned of, and what they need does not grow
-    (5.5 #122, shortened)."""
+    (robots 122, shortened)."""
     heard: list[str] = []
 
     class Ear(logging.Handler):
@@ -257,7 +257,7 @@ def expected(fov: float, eye: float) -> float:
 
 def test_zoom_on_the_wire_and_in_the_picture(render_loop: ServerProcess) -> None:
     """The default is 1.3963 rad, 0.2 ends at 0.3491, 3.0 at 2.0944, 0 is the default again, and a
-    box has the width that belongs to it (5.4 #101)."""
+    box has the width that belongs to it (robots 101)."""
     client = render_loop.client()
     client.send("INIT {ClassName P3AT} {Start Start} {Dialect ut2004}")
     client.wait_for("STA")
@@ -287,8 +287,9 @@ def ports(endpoints: dict[str, Endpoint]) -> dict[str, int]:
     [("raw", 0), ("Super", 1), ("GOOD", 2), ("nOrMaL", 3), ("fair", 4), ("Bad", 5), ("", 3)],
 )
 def test_every_tag_of_a_type_is_on_the_wire(tag: str, kind: int) -> None:
-    """Tags map to types 0 to 5 in any case, none at all to NORMAL (checks 17, 19); replies to OK
-    and U have that type, their payload is as long as told and has the size (checks 10 to 14)."""
+    """Tags map to types 0 to 5 in any case, none at all to NORMAL (side channels 17, 19); replies
+    to OK and U have that type, their payload is as long as told and has the size (side channels 10
+    to 14)."""
     settings = load_settings({"image_type": tag, "tile_size": "64x48", "tiles": "2x2"})
     small = {"tile_size": settings.tile_size, "tiles": settings.tiles}
     with running_server(world="empty", image_port=0, image_type=settings.image_type, **small) as (
@@ -325,7 +326,7 @@ def server() -> Iterator[ServerProcess]:
 
 def test_ten_minutes_of_questions(server: ServerProcess) -> None:
     """What a wireless server with the obstacle model asks in ten minutes, without its pauses: every
-    reply is read by its splitter, and the server has not grown (check 66)."""
+    reply is read by its splitter, and the server has not grown (side channels 66)."""
     process = psutil.Process(server.process.pid)
     names = ("A", "B", "C")
     team = []
@@ -352,7 +353,7 @@ def test_ten_minutes_of_questions(server: ServerProcess) -> None:
 @pytest.mark.parametrize("service", ["groundtruth", "wireless"])
 def test_positions_are_told_on_both_ports(server: ServerProcess, service: str) -> None:
     """Ground truth answers on the port of the embedded wireless server, too, so that one that runs
-    elsewhere may be told either address (checks 47, 53, 54, 100)."""
+    elsewhere may be told either address (side channels 47, 53, 54, 100)."""
     robot = server.client()
     robot.send("INIT {ClassName P3AT} {Name Solo} {Location 0,20,-0.3}")
     robot.wait_for("STA")
@@ -371,7 +372,8 @@ def test_positions_are_told_on_both_ports(server: ServerProcess, service: str) -
 
 @pytest.mark.parametrize("key", SIDE_PORTS)
 def test_every_port_can_be_chosen(key: str) -> None:
-    """Asked for alone a service listens where it was told, and nothing else does (check 99)."""
+    """Asked for alone a service listens where it was told, and nothing else does
+    (side channels 99)."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         free = probe.getsockname()[1]
     with running_server(world="empty", **{key: free}) as (_, endpoints):
@@ -382,7 +384,7 @@ def test_every_port_can_be_chosen(key: str) -> None:
 
 
 def test_every_port_can_be_disabled() -> None:
-    """With all of them off there is robot control only (check 99)."""
+    """With all of them off there is robot control only (side channels 99)."""
     settings = load_settings(dict.fromkeys(SIDE_PORTS, "off"))
     assert [getattr(settings, key) for key in SIDE_PORTS] == [None] * len(SIDE_PORTS)
     with running_server(world="empty") as (_, endpoints):

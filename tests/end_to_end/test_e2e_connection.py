@@ -32,7 +32,7 @@ def _sta_time(line: str) -> float:
 
 
 def test_silence_before_commands(connect: Connect) -> None:
-    """A silent connection gets the greeting and nothing else (checks 2, 3, 5)."""
+    """A silent connection gets the greeting and nothing else (protocol 2, 3, 5)."""
     client = connect()
     witness = connect()
     witness.send("INIT {ClassName P2AT} {Location -10,-30,-0.3}")
@@ -44,7 +44,7 @@ def test_silence_before_commands(connect: Connect) -> None:
 
 @pytest.mark.parametrize("end", [b"\r\n", b"\n", b"\r", b"\n\r", b"\r\n\n", b"  \t \r\n"])
 def test_every_line_end_is_understood(client: ScriptedClient, end: bytes) -> None:
-    """GETSTARTPOSES is answered exactly once whatever ends the line (checks 21-24, 28, 31)."""
+    """GETSTARTPOSES is answered exactly once whatever ends the line (protocol 21-24, 28, 31)."""
     client.send_bytes(b"\r\n\n\r" * 5 + b"  GETSTARTPOSES" + end)
     client.send("INIT {ClassName P2AT} {Location -10,-36,-0.3}\r\nGETGEO {Type Robot}")
     heads = []
@@ -54,7 +54,7 @@ def test_every_line_end_is_understood(client: ScriptedClient, end: bytes) -> Non
 
 
 def test_one_byte_per_packet(client: ScriptedClient) -> None:
-    """A command sent byte by byte is executed, and not before its terminator (checks 26, 27)."""
+    """A command sent byte by byte is executed, and not before its terminator (protocol 26, 27)."""
     for byte in b"GETSTARTPOSES":
         client.send_bytes(bytes([byte]))
         time.sleep(0.002)
@@ -64,7 +64,8 @@ def test_one_byte_per_packet(client: ScriptedClient) -> None:
 
 
 def test_replies_come_in_order_and_before_streams(client: ScriptedClient) -> None:
-    """INIT, GETCONF and GETGEO in one packet are answered in order, streams later (25, 30, 70)."""
+    """INIT, GETCONF and GETGEO in one packet are answered in order, streams later (protocol 25, 30,
+    70)."""
     client.send(
         "INIT {ClassName P2AT} {Location 1,1,-0.3}\r\nGETCONF {Type Robot}\r\n"
         "GETGEO {Type Robot}\r\nGETSTARTPOSES"
@@ -76,7 +77,7 @@ def test_replies_come_in_order_and_before_streams(client: ScriptedClient) -> Non
 
 @pytest.mark.parametrize("how", ["close", "half-close", "reset", "mid-line"])
 def test_a_robot_leaves_with_its_connection(connect: Connect, how: str) -> None:
-    """After any kind of goodbye the place is free again (checks 13, 14, 15)."""
+    """After any kind of goodbye the place is free again (protocol 13, 14, 15)."""
     first = connect()
     first.send("INIT {ClassName P3AT_real} {Location -5,-5,-0.3}")
     first.wait_for("STA")
@@ -104,7 +105,7 @@ def _range(line: str) -> float:
 
 
 def test_a_client_that_does_not_read(connect: Connect) -> None:
-    """It neither slows the world nor loses replies or line borders (checks 16, 17, 18)."""
+    """It neither slows the world nor loses replies or line borders (protocol 16, 17, 18)."""
     lazy, lively = connect(), connect()
     lazy.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     lazy.send("INIT {ClassName P2AT} {Location 30,0,-0.3}")
@@ -121,7 +122,7 @@ def test_a_client_that_does_not_read(connect: Connect) -> None:
 
 
 def test_lines_of_one_step_carry_one_time(connect: Connect) -> None:
-    """Two robots report equal Time for equal steps, and Time never decreases (checks 67, 68)."""
+    """Two robots report equal Time for equal steps, and Time never decreases (protocol 67, 68)."""
     robots = [connect(), connect()]
     for index, robot in enumerate(robots):
         robot.send(f"INIT {{ClassName P3AT}} {{Location {40 + 3 * index},5,-0.3}}")
@@ -148,7 +149,7 @@ def _admitted(connect: Connect) -> ScriptedClient:
 
 
 def test_sixty_four_connections_with_a_robot_each(connect: Connect) -> None:
-    """64 robots are served at once, and a 65th connection harms nobody (check 12)."""
+    """64 robots are served at once, and a 65th connection harms nobody (protocol 12)."""
     clients = []
     for index in range(64):
         client = _admitted(connect)
@@ -178,7 +179,8 @@ def _pose(line: str) -> list[float]:
 
 
 def test_a_player_like_client_drives_a_p2at(connect: Callable[[], ScriptedClient]) -> None:
-    """The ut2004 dialogue of 5.5 happens as written (checks 2, 3, 30, 85, 134, 143, 174, 179)."""
+    """The ut2004 dialogue of protocol 5.5 happens as written (protocol 2, 3, 30, 85, 134, 143, 174,
+    179)."""
     client = connect()
     greeting = client.read_line()
     assert re.fullmatch(
@@ -211,7 +213,7 @@ def test_a_player_like_client_drives_a_p2at(connect: Callable[[], ScriptedClient
 
 
 def test_a_ros_like_client_configures_itself(connect: Callable[[], ScriptedClient]) -> None:
-    """The udk dialogue of 5.5 happens as written (checks 12, 125, 130, 173, 181)."""
+    """The udk dialogue of protocol 5.5 happens as written (protocol 12, 125, 130, 173, 181)."""
     client = connect()
     assert client.read_line().startswith("NFO {Gametype BotDeathMatch}")
     client.send_bytes(
@@ -260,7 +262,7 @@ def _location(line: str) -> list[float]:
 
 
 def test_scan_lines_suit_index_based_readers(connect: Callable[[], ScriptedClient]) -> None:
-    """A UvA reader finds pose and sonars at its fixed places (checks 97, 100, 103, 106, 186)."""
+    """A UvA reader finds pose and sonars at its fixed places (protocol 97, 100, 103, 106, 186)."""
     client = connect()
     client.send("INIT {ClassName USARBot.P2AT} {Location 20,20,-0.3}")
     odometry = re.findall(r"\{[^\}]+\}|\S+", client.wait_for("SEN {Type Odometry}"))
@@ -279,7 +281,7 @@ def test_scan_lines_suit_index_based_readers(connect: Callable[[], ScriptedClien
 
 
 def test_two_dialects_side_by_side(connect: Callable[[], ScriptedClient]) -> None:
-    """Robots of one class speak different dialects at the same time (checks 98, 176, 178)."""
+    """Robots of one class speak different dialects at the same time (protocol 98, 176, 178)."""
     first, second = connect(), connect()
     first.send("INIT {ClassName P3AT_real} {Dialect ut2004} {Location 10,10,-0.3}")
     second.send("INIT {ClassName P3AT_real} {Dialect udk} {Location 12,10,-0.3}")

@@ -1,7 +1,7 @@
 """Every robot class over sockets: it appears, tells what it is, drives in its own words, leaves.
 
 The catalog is that of the robots reference 1.1, with its aliases and spellings; every further
-shipped class is put through the same. Checks 1, 2, 3, 13, 42, 48 of 5.1 and 5.2 are among them.
+shipped class is put through the same. Robots checks 1, 2, 3, 13, 42 and 48 are among them.
 
 A robot with an arm and a gripper, over real sockets.
 
@@ -316,7 +316,8 @@ def _settled(client: ScriptedClient, head: str, link: int, target: float) -> boo
 
 
 def test_a_slider_client_moves_an_arm(connect: Connect) -> None:
-    """CONF is the line after INIT; ACT counts links from 0, ASTA from 1 (139, 142, 158, 183)."""
+    """CONF is the line after INIT; ACT counts links from 0, ASTA from 1 (protocol 139, 142, 158,
+    183)."""
     client = connect()
     client.wait_for("NFO {Gametype")
     client.send("INIT {ClassName P3AT_arm} {Location -60,0,-0.3}\r\nGETCONF {Type Actuator}")
@@ -332,7 +333,7 @@ def test_a_slider_client_moves_an_arm(connect: Connect) -> None:
 
 
 def test_a_gripper_closes_and_opens(connect: Connect) -> None:
-    """SET CLOSE and OPEN show in EFF (check 161)."""
+    """SET CLOSE and OPEN show in EFF (protocol 161)."""
     client = connect()
     client.send("INIT {ClassName P3AT_arm} {Location -60,5,-0.3}\r\nGETCONF {Type Gripper}")
     conf = client.wait_for("CONF {Type Gripper}")
@@ -345,7 +346,8 @@ def test_a_gripper_closes_and_opens(connect: Connect) -> None:
 
 @pytest.mark.parametrize("order", ["", " {Order 0}"])
 def test_a_pan_tilt_of_the_old_generation(connect: Connect, order: str) -> None:
-    """MISPKG counts links from 1, MISSTA reports them, GETGEO names the carrier (140, 141, 157)."""
+    """MISPKG counts links from 1, MISSTA reports them, GETGEO names the carrier (protocol 140, 141,
+    157)."""
     client = connect()
     client.send(f"INIT {{ClassName P2AT}} {{Location -70,{5 + len(order)},-0.3}}")
     client.send("GETGEO {Type MisPkg}")
@@ -366,7 +368,8 @@ def port() -> Iterator[int]:
 
 
 def test_sliders_for_an_arm(port: int) -> None:
-    """The SliderController finds its links in the first line after the greeting (142, 183).
+    """The SliderController finds its links in the first line after the greeting (protocol 142,
+    183).
 
     It sends INIT and GETCONF at once, reads exactly one line, cuts it at blanks, and moves links
     that it counts from 0.

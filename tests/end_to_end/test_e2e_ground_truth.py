@@ -94,12 +94,13 @@ def robot(connect: Connect, name: str, place: str, kind: str = "P3AT") -> Script
 
 
 def test_ready_names_both_truths(server: ServerProcess) -> None:
-    """99: the ports asked for are opened and announced."""
+    """Side channels 99: the ports asked for are opened and announced."""
     assert {"control", "groundtruth", "truth"} == set(server.ports)
 
 
 def test_the_server_waits_to_be_asked(model: WirelessModel) -> None:
-    """47, 48, 61: silence on connecting, nobody there, unknown verbs without a reply."""
+    """Side channels 47, 48, 61: silence on connecting, nobody there, unknown verbs without a
+    reply."""
     assert model.client.read_for(0.3) == []
     model.client.send("INIT {Robot A} {Port 3333}")
     model.client.send("GETPOS")
@@ -107,7 +108,8 @@ def test_the_server_waits_to_be_asked(model: WirelessModel) -> None:
 
 
 def test_positions_of_a_team(model: WirelessModel, connect: Connect) -> None:
-    """49 to 55, 65: names as given, order of spawning, four digits, framing; who leaves is gone."""
+    """Side channels 49 to 55, 65: names as given, order of spawning, four digits, framing; who
+    leaves is gone."""
     team = [robot(connect, name, f"{x},0,-0.3") for x, name in ((1, "aLPHA"), (-1, "Beta"))]
     model.client.send_bytes(b"getpos\r\nGETP")
     first = model.client.read_line()
@@ -128,8 +130,8 @@ def test_positions_of_a_team(model: WirelessModel, connect: Connect) -> None:
 
 
 def test_walls_count_and_nothing_else(model: WirelessModel, connect: Connect) -> None:
-    """56, 57, 63: one obstacle for each wall between two robots, however thick; other robots,
-    crates and people are none."""
+    """Side channels 56, 57, 63: one obstacle for each wall between two robots, however thick; other
+    robots, crates and people are none."""
     placed = {"Far": "-8,0", "Near": "-2,0", "Mid": "0,0", "Lab": "7.5,0", "Out": "12,0"}
     team = [robot(connect, name, f"{place},-0.3") for name, place in placed.items()]
     assert model.obstacles("Near", "Mid") == 0
@@ -146,7 +148,7 @@ def test_walls_count_and_nothing_else(model: WirelessModel, connect: Connect) ->
 
 
 def obstacles(model: WirelessModel, start: str, end: str) -> int:
-    """59: between two points, which are echoed verbatim."""
+    """Side channels 59: between two points, which are echoed verbatim."""
     model.client.send(f"GETOBS {{Start {start}}} {{End {end}}}")
     kind, groups = split_reply(model.client.read_line())
     assert (kind, groups[0], groups[1]) == ("NUMOBS", {"Start": start}, {"End": end})
@@ -155,7 +157,7 @@ def obstacles(model: WirelessModel, start: str, end: str) -> int:
 
 
 def test_half_a_question_is_answered_by_an_empty_line(model: WirelessModel) -> None:
-    """58, 60: nobody is -1, and missing arguments give CR LF alone."""
+    """Side channels 58, 60: nobody is -1, and missing arguments give CR LF alone."""
     assert model.obstacles("Nobody", "Noone") is None
     model.client.send("GETOBS {From Nobody}")
     assert model.client.read_line() == ""
@@ -164,7 +166,7 @@ def test_half_a_question_is_answered_by_an_empty_line(model: WirelessModel) -> N
 
 
 def test_an_empty_battery_is_told(model: WirelessModel, connect: Connect) -> None:
-    """64: BatteryEmpty turns True when the battery that INIT asked for is used up."""
+    """Side channels 64: BatteryEmpty turns True when the battery that INIT asked for is used up."""
     client = connect()
     client.send("INIT {ClassName USARBot.P3AT} {Name Tired} {Location 0,0,-0.3} {Battery 2}")
     client.wait_for("STA")
@@ -175,8 +177,8 @@ def test_an_empty_battery_is_told(model: WirelessModel, connect: Connect) -> Non
 
 
 def test_an_operators_station_is_listed(model: WirelessModel, connect: Connect) -> None:
-    """67: a communication station can be spawned, stays where it is, and never runs out of power;
-    nothing stands between it and a robot in its sight."""
+    """Side channels 67: a communication station can be spawned, stays where it is, and never runs
+    out of power; nothing stands between it and a robot in its sight."""
     base = robot(connect, "BaseStation", "3,1,-0.5", "ComStation")
     scout = robot(connect, "Scout", "0,0,-0.3")
     base.send("DRIVE {Left 5} {Right 5}")
@@ -192,8 +194,8 @@ def test_an_operators_station_is_listed(model: WirelessModel, connect: Connect) 
 
 
 def test_sixteen_robots_are_answered_about(model: WirelessModel, connect: Connect) -> None:
-    """62, 65: positions of sixteen robots, and obstacles of all pairs, whole and in order. How fast
-    is measured by `usarsim bench groundtruth`; here they only have to come."""
+    """Side channels 62, 65: positions of sixteen robots, and obstacles of all pairs, whole and in
+    order. How fast is measured by `usarsim bench groundtruth`; here they only have to come."""
     names = [f"R{number:02d}" for number in range(16)]
     team = []
     for number, name in enumerate(names):
@@ -232,8 +234,8 @@ def test_hostile_questions_disturb_nobody(server: ServerProcess, model: Wireless
 def test_scoring_tools_see_robots_and_victims(
     server: ServerProcess, model: WirelessModel, connect: Connect
 ) -> None:
-    """88, 89, 92 to 98: two tools at ten queries a second each and one without pause see the same
-    actors as ground truth; one that asks and quits disturbs nobody."""
+    """Side channels 88, 89, 92 to 98: two tools at ten queries a second each and one without pause
+    see the same actors as ground truth; one that asks and quits disturbs nobody."""
     team = [robot(connect, "One", "0,0,-0.3"), robot(connect, "Two", "2,0,-0.3")]
     team[1].listen(1.0)  # until they stand still
     tools = [RoboCupScore(server.ports["truth"]) for _ in range(2)]
@@ -261,7 +263,8 @@ def test_scoring_tools_see_robots_and_victims(
 def test_queries_by_class_and_name(
     server: ServerProcess, model: WirelessModel, connect: Connect
 ) -> None:
-    """90, 91: classes, names, and objects of a world controller for the console tool."""
+    """Side channels 90, 91: classes, names, and objects of a world controller for the console
+    tool."""
     client = robot(connect, "One", "0,0,-0.3")
     boxes = connect()
     boxes.send("INIT {ClassName USARBot.WorldController} {Name WC} {Location 0,0,0}")
@@ -288,7 +291,7 @@ def test_queries_by_class_and_name(
 
 @pytest.mark.parametrize("option", ["--groundtruth-port", "--truth-port"])
 def test_a_busy_port_that_was_asked_for_is_an_error(option: str) -> None:
-    """99: one line that names port and option, exit code 2."""
+    """Side channels 99: one line that names port and option, exit code 2."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         off = ("--image-port=off", "--wireless-port=off")

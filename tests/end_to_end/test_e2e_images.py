@@ -125,7 +125,7 @@ def asker(server: ServerProcess) -> Iterator[Asker]:
 
 
 def test_images_need_no_robot() -> None:
-    """Checks 1 to 3: connect before any robot, hear nothing for a second, get one frame."""
+    """Side channels 1 to 3: connect before any robot, hear nothing for a second, get one frame."""
     with ServerProcess(
         "--world", "empty", "--image-port", "0", "--image-silent-push", "60"
     ) as server:
@@ -159,7 +159,7 @@ class TestClients:
                 assert eventually(lambda: empty(client.view()) == is_empty)  # noqa: B023
 
     def test_poaret(self, server: ServerProcess, asker: Asker) -> None:
-        """Check 22: three zero bytes are skipped; robot 1 is on the second tile."""
+        """Side channels 22: three zero bytes are skipped; robot 1 is on the second tile."""
         with Poaret(server.ports["images"], 1) as client:
             seen = [client.view() for _ in range(3)]
             assert not empty(seen[-1])
@@ -168,13 +168,13 @@ class TestClients:
             )
 
     def test_button_client(self, server: ServerProcess) -> None:
-        """Check 12: what arrives after a request is a picture behind five bytes."""
+        """Side channels 12: what arrives after a request is a picture behind five bytes."""
         with ButtonClient(server.ports["images"]) as client:
             assert client.press().shape == (960, 1280, 3)
 
     @pytest.mark.parametrize("text", [b"OK", b"OK\r\n"])
     def test_image_tester(self, server: ServerProcess, text: bytes) -> None:
-        """Checks 9 and 33: one picture per request at a fixed period, and none beyond."""
+        """Side channels 9 and 33: one picture per request at a fixed period, and none beyond."""
         with ImageTester(server.ports["images"], text, 0.01) as client:
             assert len(client.lengths(30)) == 30
             assert client.quiet_for(0.3)
@@ -198,17 +198,17 @@ class TestWorld:
     """What pictures show of the world, and what the world notices of them."""
 
     def test_rectangle_of_the_frame_is_the_frame(self, asker: Asker) -> None:
-        """Check 20."""
+        """Side channels 20."""
         kind, payload = asker.ask(rectangle(0, 0, 1280, 960))
         assert (kind, decoded(payload).shape) == (3, (960, 1280, 3))
 
     def test_rectangle_outside_is_empty(self, asker: Asker) -> None:
-        """Check 25: one reply without payload, and the connection lives on."""
+        """Side channels 25: one reply without payload, and the connection lives on."""
         assert asker.ask(rectangle(1280, 0, 320, 240)) == (3, b"")
         assert asker.ask()[0] == 3
 
     def test_conf_names_the_rectangle(self, team: list[ScriptedClient], asker: Asker) -> None:
-        """Check 21: the rectangle of CONF shows that camera, at the size of a tile."""
+        """Side channels 21: the rectangle of CONF shows that camera, at the size of a tile."""
         team[1].send("GETCONF {Type Camera}")
         conf = team[1].wait_for("CONF {Type Camera}")
         found = [
@@ -221,7 +221,8 @@ class TestWorld:
         assert not empty(decoded(payload))
 
     def test_pictures_follow_the_robot(self, team: list[ScriptedClient], asker: Asker) -> None:
-        """Check 34: a standing robot's pictures are the same, a turning one's become others."""
+        """Side channels 34: a standing robot's pictures are the same, a turning one's become
+        others."""
         seen = asker.tile(0).astype(float)
 
         def changed() -> float:
@@ -239,7 +240,8 @@ class TestWorld:
     def test_stalled_client_stops_nobody(
         self, server: ServerProcess, team: list[ScriptedClient], asker: Asker
     ) -> None:
-        """Checks 30 and 31: status lines and pictures of others go on; then the stream is whole."""
+        """Side channels 30 and 31: status lines and pictures of others go on; then the stream is
+        whole."""
         stalled = Asker(server)
         stalled.socket.sendall(b"OK" * 20)
         for _ in range(5):
@@ -252,7 +254,8 @@ class TestWorld:
         stalled.close()
 
     def test_frame_outlives_its_robots(self, server: ServerProcess, asker: Asker) -> None:
-        """Checks 32 and 35: robots and clients leave; the connection and the geometry stay."""
+        """Side channels 32 and 35: robots and clients leave; the connection and the geometry
+        stay."""
         guest = robot(server, "RobotStart3")
         number = 2
         assert eventually(lambda: not empty(asker.tile(number)))
@@ -274,8 +277,8 @@ class TestOldClients:
     SMALL = ("--tiles", "1x1", "--tile-size", "176x144")
 
     def test_ar_drone_in_legacy_mode(self) -> None:
-        """Checks 11, 13, 14 and 27: raw, legacy, a single small tile, all that client can do; the
-        class that it asks for, showing the camera that looks down."""
+        """Side channels 11, 13, 14 and 27: raw, legacy, a single small tile, all that client can
+        do; the class that it asks for, showing the camera that looks down."""
         options = ("--image-type", "RAW", "--image-legacy", *self.SMALL)
         with (
             ServerProcess("--world", WORLD, "--image-port", "0", *options) as server,
@@ -317,7 +320,7 @@ class TestOldClients:
                 assert client.view().shape == (144, 176, 3)
 
     def test_clients_of_image_srv(self, tmp_path: Path) -> None:
-        """Checks 17 and 28: pictures come first; one that asks at once gets two."""
+        """Side channels 17 and 28: pictures come first; one that asks at once gets two."""
         config = tmp_path / "lab.toml"
         config.write_text('image_type = "Good"\nimage_legacy = true\ntiles = "2x2"\n')
         with ServerProcess(

@@ -51,7 +51,8 @@ def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_map_is_served(source: Path) -> None:
-    """`serve --world MAP` tells the map's starts; a laser there sees the map's walls (25, 56)."""
+    """`serve --world MAP` tells the map's starts; a laser there sees the map's walls (worlds 25,
+    56)."""
     with ServerProcess("--world", str(source)) as server, server.client() as client:
         assert "{Level Room}" in client.wait_for("NFO {Gametype")
         client.send("GETSTARTPOSES")

@@ -27,7 +27,7 @@ def fast_arena() -> Iterator[int]:
 
 
 def test_player(fast_arena: int) -> None:
-    """Player configures its devices and reads 100 sonar and laser lines (check 179)."""
+    """Player configures its devices and reads 100 sonar and laser lines (protocol 179)."""
     with Player(fast_arena) as player:
         player.send(
             "INIT {ClassName USARBot.P2AT} {Name player} {Location -10.6 7.0 -0.25} "
@@ -48,13 +48,13 @@ def test_player(fast_arena: int) -> None:
         assert player.robot["SteeringType"] == "SkidSteered"
         assert float(player.robot["WheelRadius"]) == 0.13
         assert len(player.robot["Dimensions"].split(",")) == 3
-        # The wall of the hall, 3 m to the right, is where the driver's list begins (check 104).
+        # The wall of the hall, 3 m to the right, is where the driver's list begins (protocol 104).
         assert player.scans[-1][0] == pytest.approx(3.0, abs=0.01)
         assert player.scans[-1][-1] == pytest.approx(17.0, abs=0.05)
 
 
 def test_maldo(fast_arena: int) -> None:
-    """The index-based Java client reads 100 lines of every type it knows (check 180)."""
+    """The index-based Java client reads 100 lines of every type it knows (protocol 180)."""
     wanted = ("STA", "Sonar", "RangeScanner", "Odometry", "INS", "GroundTruth", "GPS")
     with Maldo(fast_arena) as client:
         client.send(
@@ -74,7 +74,8 @@ def test_maldo(fast_arena: int) -> None:
 
 
 def test_ros(fast_arena: int) -> None:
-    """Every sensor of a P3AT reaches the configured state; odometry and scans flow (check 181)."""
+    """Every sensor of a P3AT reaches the configured state; odometry and scans flow
+    (protocol 181)."""
     with Ros(fast_arena) as driver:
         driver.send(
             "GETSTARTPOSES\r\nINIT {Classname USARBot.P3AT} {Name rover} {Start RobotStart3}\r\n"
@@ -99,7 +100,8 @@ def test_ros(fast_arena: int) -> None:
 
 
 def test_iridium(arena: int) -> None:
-    """Level, start poses, battery and sensors come through, nothing ends the reader (182)."""
+    """Level, start poses, battery and sensors come through, nothing ends the reader
+    (protocol 182)."""
     with Iridium(arena) as console:
         console.send("GETSTARTPOSES")
         console.read_until(lambda: bool(console.starts))
@@ -129,7 +131,8 @@ def test_iridium(arena: int) -> None:
 
 
 def test_slider_controller(arena: int) -> None:
-    """It reads one line after its question, gets sliders, and moves a link (142, 158, 183)."""
+    """It reads one line after its question, gets sliders, and moves a link (protocol 142, 158,
+    183)."""
     with SliderController(arena) as client:
         client.start("INIT {ClassName USARBot.P2AT} {Start RobotStart7}")
         assert client.name == "CameraPanTilt"
@@ -141,7 +144,7 @@ def test_slider_controller(arena: int) -> None:
 
 
 def test_aut_toolbox(arena: int) -> None:
-    """Each reading function returns within its half second, again and again (check 184)."""
+    """Each reading function returns within its half second, again and again (protocol 184)."""
     with AutToolbox(arena) as toolbox:
         toolbox.send("INIT {ClassName USARBot.P2AT} {Location -9.2,-1.0,-0.25} {Rotation 0,0,0}")
         toolbox.pass_by(1.0)
@@ -158,7 +161,7 @@ def test_aut_toolbox(arena: int) -> None:
 
 
 def test_rdk(arena: int) -> None:
-    """It starts from the first start pose, accepts STA and laser, drops a tag (check 185)."""
+    """It starts from the first start pose, accepts STA and laser, drops a tag (protocol 185)."""
     with Rdk(arena) as client:
         location, rotation = client.first_start_pose()
         client.send(
@@ -176,7 +179,7 @@ def test_rdk(arena: int) -> None:
 
 
 def test_uva_student(arena: int) -> None:
-    """1024 bytes at a time, places in the line fixed: pose and sonars are found (check 186)."""
+    """1024 bytes at a time, places in the line fixed: pose and sonars are found (protocol 186)."""
     with UvaStudent(arena) as student:
         student.send("INIT {ClassName USARBot.P2AT} {Location -9.2,3.0,-0.25} {Name s}")
         student.read_until(lambda: len(student.sonars) == 8 and len(student.pose) == 3)
@@ -187,7 +190,8 @@ def test_uva_student(arena: int) -> None:
 
 
 def test_uva_rescue(arena: int) -> None:
-    """The robot's model is found, sonars are mounted HARD, LF and `0,5` drive (187, 188)."""
+    """The robot's model is found, sonars are mounted HARD, LF and `0,5` drive (protocol 187,
+    188)."""
     with UvaRescue(arena) as client:
         client.send("INIT {ClassName USARBot.P2AT} {Name Blue One} {Start robotstart9}")
         assert client.ask("GETCONF", "Robot", "Blue One")["Name"].endswith("P2AT")
@@ -224,7 +228,8 @@ def test_chunk_reader(arena: int) -> None:
 
 
 def test_one_receive_is_one_answer(arena: int) -> None:
-    """A script that reads once after the greeting and once after GETGEO has its reply (5.1.12)."""
+    """A script that reads once after the greeting and once after GETGEO has its reply
+    (protocol 5.1.12)."""
     with Ades(arena) as client:
         assert client.chunk()[0].startswith("NFO {Gametype")
         client.send("INIT {ClassName USARBot.P2AT} {Name p} {Location .4, .4, 1.8}")
@@ -233,7 +238,8 @@ def test_one_receive_is_one_answer(arena: int) -> None:
 
 
 def test_values_hold_only_common_characters(arena: int) -> None:
-    """Letters, digits, blank, point, comma, underscore, minus: all that AP2DX reads (5.1.10)."""
+    """Letters, digits, blank, point, comma, underscore, minus: all that AP2DX reads
+    (protocol 5.1.10)."""
     with UvaRescue(arena) as client:
         client.send("INIT {ClassName USARBot.P2AT} {Start RobotStart13}")
         for _ in range(60):

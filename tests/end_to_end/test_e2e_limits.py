@@ -108,7 +108,7 @@ def test_a_client_that_never_wanted_anything_is_closed(caplog: pytest.LogCapture
 
 
 def test_longer_lines_are_read_if_the_file_says_so(server: ServerProcess) -> None:
-    """`line_bytes` (checklist 20): a line of 100,000 bytes is a command, one of 100,001 is not."""
+    """`line_bytes` (protocol 20): a line of 100,000 bytes is a command, one of 100,001 is not."""
     with visit(server, "127.0.0.8") as client:
         client.wait_for("NFO {Gametype")
         client.send("GETSTARTPOSES".ljust(100_001))

@@ -160,7 +160,8 @@ def positions(server: ServerProcess) -> dict[str, list[float]]:
 
 
 def test_strengths_are_those_of_the_formula(team: Team) -> None:
-    """-49.67 dBm at 2 m less 10 dB a decade, with the places that GETPOS tells (check 78)."""
+    """-49.67 dBm at 2 m less 10 dB a decade, with the places that GETPOS tells
+    (side channels 78)."""
     places = positions(team.office)
     assert set(places) == {"Base", "Robot1", "Robot2"}
     for asker, other in ((team.one, "Robot2"), (team.two, "Base"), (team.base, "Robot1")):
@@ -172,7 +173,7 @@ def test_strengths_are_those_of_the_formula(team: Team) -> None:
 
 def test_a_link_is_lost_behind_walls_and_made_again(team: Team, record: Path) -> None:
     """Robot2 is taken behind six walls and back; its links and ports follow, others do not
-    (checks 73 to 75, 78)."""
+    (side channels 73 to 75, 78)."""
     links = [team.one.call(team.two), team.two.call(team.base), team.one.call(team.base)]
     for link in links:
         talk(*link)
@@ -195,7 +196,7 @@ def test_a_link_is_lost_behind_walls_and_made_again(team: Team, record: Path) ->
 
 
 def test_a_robot_that_left_the_simulator_is_dropped(team: Team) -> None:
-    """Without its robot a station is dismissed, and its name is free again (check 76)."""
+    """Without its robot a station is dismissed, and its name is free again (side channels 76)."""
     mine, theirs = team.one.call(team.two)
     team.two.robot.close()
     assert hung_up(mine)
@@ -208,7 +209,8 @@ def test_a_robot_that_left_the_simulator_is_dropped(team: Team) -> None:
 
 
 def test_an_operator_station_stands_still(team: Team) -> None:
-    """ComStation is a robot like others on the wire, without battery, and does not move (67)."""
+    """ComStation is a robot like others on the wire, without battery, and does not move
+    (side channels 67)."""
     before = positions(team.office)["Base"]
     team.base.robot.send("GETGEO {Type Robot}")
     assert team.base.robot.wait_for("GEO") == "GEO {Type StaticPlatform} {Name ComStation}"
@@ -221,7 +223,7 @@ def test_an_operator_station_stands_still(team: Team) -> None:
 
 
 def test_comserver(team: Team) -> None:
-    """The older simulation tells the same strengths and carries data (checks 79 to 85)."""
+    """The older simulation tells the same strengths and carries data (side channels 79 to 85)."""
     with ScriptedClient(team.office.ports["comserver"]) as control:
 
         def say(message: str) -> str:

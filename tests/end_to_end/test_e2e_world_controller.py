@@ -60,7 +60,8 @@ def scan(robot: ScriptedClient) -> float:
 
 
 def test_a_whole_session(connect: Connect) -> None:
-    """Create, ask, move, see, push, remove by name and by box, go round, clean up (167 to 172)."""
+    """Create, ask, move, see, push, remove by name and by box, go round, clean up (protocol 167 to
+    172)."""
     wc, robot = controller(connect), connect()
     robot.send("INIT {ClassName USARBot.P2AT} {Name Pusher} {Location -60,40,-0.3}")
     robot.wait_for("STA")
@@ -119,7 +120,7 @@ def test_a_whole_session(connect: Connect) -> None:
 
 
 def test_others_may_not_control(connect: Connect) -> None:
-    """CONTROL with a robot, or with nothing, is neither obeyed nor answered (167)."""
+    """CONTROL with a robot, or with nothing, is neither obeyed nor answered (protocol 167)."""
     robot, nobody, wc = connect(), connect(), controller(connect)
     robot.send("INIT {ClassName P2AT} {Location 90,-60,-0.3}")
     for client in (robot, nobody):
@@ -130,7 +131,7 @@ def test_others_may_not_control(connect: Connect) -> None:
 
 
 def test_objects_leave_with_a_broken_connection(connect: Connect) -> None:
-    """A controller that creates in a hurry and hangs up leaves nothing behind (172)."""
+    """A controller that creates in a hurry and hangs up leaves nothing behind (protocol 172)."""
     wc, witness = controller(connect), controller(connect)
     for n in range(20):
         wc.send(f"CONTROL {{Type Create}} {{ClassName Ball}} {{Name h{n}}} {{Location {n},-80,-1}}")
@@ -222,7 +223,7 @@ def _tags(line: str) -> dict[int, int]:
 
 
 def test_a_tag_is_seen_read_and_written(rescuer: ScriptedClient) -> None:
-    """Detection, Read and Write work as RDK and UvA use them (checks 40, 116, 163, 165)."""
+    """Detection, Read and Write work as RDK and UvA use them (protocol 40, 116, 163, 165)."""
     line = rescuer.wait_for("SEN {Type RFID} {Name RFIDReader} {ID ")
     assert _tags(line)[GATE] == 1, "the tag holds text"
     rescuer.send(f"SET {{Type RFID}} {{Name RFIDReader}} {{Opcode Read}} {{Params {GATE}}}")
@@ -238,7 +239,8 @@ def test_a_tag_is_seen_read_and_written(rescuer: ScriptedClient) -> None:
 
 
 def test_a_tag_is_dropped(rescuer: ScriptedClient) -> None:
-    """Release confirms with `{status OK}` at the end of the line and leaves a tag (check 164)."""
+    """Release confirms with `{status OK}` at the end of the line and leaves a tag
+    (protocol 164)."""
     before = _tags(rescuer.wait_for("SEN {Type RFID} {Name RFIDReader}"))
     # RDK sends this without a line end; the next command is glued on (protocol reference 1.4).
     rescuer.send_bytes(b"SET {Type RFIDReleaser} {Name Gun} {Opcode Release}DRIVE {Left 0}\r\n")
@@ -248,7 +250,8 @@ def test_a_tag_is_dropped(rescuer: ScriptedClient) -> None:
 
 
 def test_signs_of_life_stream(rescuer: ScriptedClient) -> None:
-    """Victim, motion, sound and gas sensors report in the forms of 4.6 (checks 94, 96, 114)."""
+    """Victim, motion, sound and gas sensors report in the forms of protocol 4.6 (protocol 94, 96,
+    114)."""
     forms = {
         "VictSensor": r"SEN \{Time [\d.]+\} \{Type VictSensor\} \{Name VictSensor\} "
         r"(\{Status NoVictims\}|\{PartName \w+\} \{Location [^}]+\}.*)",

@@ -128,7 +128,7 @@ TABLE = [
 
 @pytest.mark.parametrize(("told", "own", "result"), TABLE)
 def test_the_table_of_merging(told: int, own: int, result: int) -> None:
-    """E-29: all rows of reference 6.4, in both directions."""
+    """E-29: all rows of exploration 6.4, in both directions."""
     known = KnownMap((1, 2))
     known.merge(1, np.array([0]), np.array([own], np.uint8))
     if own:
@@ -139,7 +139,7 @@ def test_the_table_of_merging(told: int, own: int, result: int) -> None:
 
 
 def test_marks_are_inherited() -> None:
-    """At base always, relayed only by cells that were unknown (6.4)."""
+    """At base always, relayed only by cells that were unknown (exploration 6.4)."""
     known = KnownMap((1, 2))
     known.merge(1, np.array([0]), np.array([FREE], np.uint8))
     known.merge(2, np.array([0, 1]), np.full(2, FREE | RELAYED, np.uint8))

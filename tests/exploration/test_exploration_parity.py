@@ -41,9 +41,11 @@ BANDS = [
     ("C", RATIO, (411, 451), (931, 1231), (1159, 1374)),
     ("C", MULTI, (371, 381), (751, 821), (805, 1029)),
 ]
-"""Map, settings, and (smallest, largest) steps of 17.3: 50 % team, 90 % team, 90 % base."""
+"""Map, settings, and (smallest, largest) steps of exploration 17.3: 50 % team, 90 % team, 90 %
+base."""
 CURVE = {50: 11, 100: 25, 150: 50, 200: 67, 250: 82, 300: 94, 400: 98}
-"""Per cent of all free cells that the team knows, map A, frontier, mean of five runs (17.4)."""
+"""Per cent of all free cells that the team knows, map A, frontier, mean of five runs
+(exploration 17.4)."""
 WIDER = 0.1
 SEEDS = 20
 

@@ -70,7 +70,8 @@ def test_a_toggle_switches_its_own_overlay(name: str, scene: Scene) -> None:
 
 
 def test_the_overlays_that_are_drawn_by_default() -> None:
-    """E-77: the default set is that of section 14, and ours beside it: known walls and links."""
+    """E-77: the default set is that of exploration reference 14, and ours beside it: known walls
+    and links."""
     assert LISTED | {"obstacles", "links"} == overlays.DEFAULT
     assert overlays_of("") == overlays.DEFAULT
     assert overlays_of("safe,-links") == (overlays.DEFAULT | {"safe"}) - {"links"}

@@ -27,11 +27,11 @@ def robot(name: str) -> RobotDescription:
     ("name", "speed"),
     [
         ("P2AT", 0.700),  # robots reference 5.2 #22
-        ("P3AT", 0.127),  # 5.2 #23
+        ("P3AT", 0.127),  # robots 23
         ("Sedan", 30.0),
         ("Lisa", 0.5),
         ("Kenaf", 0.565),
-        ("AirRobot", 2.0),  # 1.5
+        ("AirRobot", 2.0),  # robots 1.5
     ],
 )
 def test_top_speed(name: str, speed: float) -> None:
@@ -52,7 +52,7 @@ def test_some_go_nowhere(name: str) -> None:
 
 
 def test_rest() -> None:
-    """A P2AT stands upright, still, at the height of its file, hardly in the floor (5.3 #63)."""
+    """A P2AT stands upright, still, at the height of its file, hardly in the floor (robots 63)."""
     with TestDrive(robot("P2AT")) as drive:
         rest = drive.rest()
     assert rest.height == pytest.approx(0.1993, abs=1e-3)

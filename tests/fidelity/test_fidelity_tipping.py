@@ -1,6 +1,6 @@
 """Wheeled robots stay on their wheels: spinning, reversing, pushing against each other.
 
-All classes do it at the same time in one world (robots reference 3.3 V7 and 5.2 #27, #36, which
+All classes do it at the same time in one world (robots reference 3.3 V7, robots 27 and 36, which
 name three classes; here all that have wheels).
 """
 
@@ -140,7 +140,7 @@ def test_nobody_tips_over_in_a_turn() -> None:
 
 @pytest.mark.parametrize("name", [robot.name for robot in SIDED])
 def test_turns_grow_with_the_command(name: str) -> None:
-    """#27, V7: the yaw rate is proportional to the command within 0.02 of the turn ratio."""
+    """Robots 27, V7: the yaw rate is proportional to the command within 0.02 of the turn ratio."""
     robot = ROBOTS[name]
     rates = spun()[0][:, SIDED.index(robot)]
     report = robot.report

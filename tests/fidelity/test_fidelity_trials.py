@@ -84,8 +84,8 @@ def flat(shop: Workshop, robot: str) -> Stage:
 
 @pytest.mark.parametrize("robot", ["P2AT", "P3AT", "P2DX"])
 def test_left_faster_is_clockwise(shop: Workshop, robot: str) -> None:
-    """#34: with the left side faster a robot turns clockwise seen from above, and the yaw that it
-    reports increases."""
+    """Robots 34: with the left side faster a robot turns clockwise seen from above, and the yaw
+    that it reports increases."""
     with flat(shop, robot) as stage:
         before = yaw_of(stage.settle())
         first = reported_yaw(stage)
@@ -105,7 +105,7 @@ def reported_yaw(stage: Stage) -> float:
 
 @pytest.mark.parametrize(("robot", "limit"), [("P2AT", 5.385), ("P3AT", 1.3)])
 def test_normalized(shop: Workshop, robot: str, limit: float) -> None:
-    """#36, #37: normalized 100 is the wheel limit, 50 half of it, more is clamped."""
+    """Robots 36, 37: normalized 100 is the wheel limit, 50 half of it, more is clamped."""
     with flat(shop, robot) as stage:
         stage.settle()
         for percent, expected in ((100, limit), (50, limit / 2), (200, limit), (-300, -limit)):
@@ -129,7 +129,7 @@ def test_the_tests_see_what_compensation_is_for(
 
 @pytest.mark.parametrize("robot", ["Sedan", "FrontAckerman"])
 def test_full_lock(shop: Workshop, robot: str) -> None:
-    """#41: an angle far beyond the range is that of the range, and the turn is still true."""
+    """Robots 41: an angle far beyond the range is that of the range, and the turn is still true."""
     with shop.stage(worlds.flat(), robot, STEP) as stage:
         limit = 0.5236 if robot == "Sedan" else 0.5
         found = circle(stage, 3.0, 2.0)
@@ -138,7 +138,8 @@ def test_full_lock(shop: Workshop, robot: str) -> None:
 
 
 def test_weak_flipper_drops_the_load(shop: Workshop) -> None:
-    """#46: the load is real: a flipper of the 7 N m of the original's force limit lets it sink."""
+    """Robots 46: the load is real: a flipper of the 7 N m of the original's force limit lets it
+    sink."""
     robot = shop.describe("Kenaf")
     (flippers,) = robot.actuators
     links = tuple(replace(link, max_torque=7.0) for link in flippers.links)
@@ -159,8 +160,8 @@ def stair_lane(shop: Workshop, name: str, belts: float | None = None) -> Lane:
 
 @pytest.mark.slow
 def test_all_classes_on_stairs(shop: Workshop) -> None:
-    """#57, V21: four classes climb six steps at 0.3 m/s and at their top speed; the others are
-    stopped by the first one, and none turns over."""
+    """Robots 57, V21: four classes climb six steps at 0.3 m/s and at their top speed; the others
+    are stopped by the first one, and none turns over."""
     lanes = [stair_lane(shop, name, RUN) for name in TRACKED]
     lanes += [stair_lane(shop, name) for name in CLIMBERS]
     scene = worlds.stairs(half_width=LANE * len(lanes))
@@ -173,7 +174,7 @@ def test_all_classes_on_stairs(shop: Workshop) -> None:
 
 
 def test_strong_drive_lifts_the_robot_at_a_wall(shop: Workshop) -> None:
-    """#59: it is the thrust of the drive that is limited: with ten times the torque Kenaf and
+    """Robots 59: it is the thrust of the drive that is limited: with ten times the torque Kenaf and
     Tarantula end on their backs."""
     lanes = []
     for name in ("Kenaf", "Tarantula"):

@@ -34,7 +34,7 @@ FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], dtype=np.int64)
 
 
 def volume(mesh: Mesh) -> float:
-    """Enclosed volume; negative if the faces look inwards (item 10)."""
+    """Enclosed volume; negative if the faces look inwards (worlds 10)."""
     a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
 
@@ -126,7 +126,7 @@ def survives(folder: Path, name: str, content: bytes) -> None:
 
 
 def refused(source: Path) -> str:
-    """The message with which a file is refused: one line that begins with its name (item 73)."""
+    """The message with which a file is refused: one line that begins with its name (worlds 73)."""
     message = refusal(lambda: read(source))
     assert message.startswith(str(source))
     assert "\n" not in message

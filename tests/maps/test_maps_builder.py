@@ -58,14 +58,14 @@ class TestSeeing:
     """Rays."""
 
     def test_a_closed_room(self, tmp_path: Path) -> None:
-        """From the centre of a room all six walls are at half its extents (items 19, 56)."""
+        """From the centre of a room all six walls are at half its extents (worlds 19, 56)."""
         world = import_text(tmp_path, level(room(), start("S", (0, 0, 60))))
         expected = [2.0, 2.0, 2.0, 2.0, 1.5, 1.5]
         np.testing.assert_allclose(world.rays((0, 0, 1.5)), expected, atol=1e-5)
         np.testing.assert_allclose(world.solid_rays((0, 0, 1.5)), expected, atol=1e-6)
 
     def test_a_concave_mesh_is_met_at_its_surface(self, tmp_path: Path) -> None:
-        """Rays meet a hollow mesh at its true triangles from inside and outside (item 56)."""
+        """Rays meet a hollow mesh at its true triangles from inside and outside (worlds 56)."""
         hollow = thing(cuboid_mesh((-1, -2, 0), (1, 2, 2), inward=True), "hollow")
         world = build_world(tmp_path, scene_of(FLOOR, hollow, starts=[HERE]))
         np.testing.assert_allclose(world.rays((0, 0, 1)), [1, 1, 2, 2, 1, 1], atol=1e-5)
@@ -73,7 +73,7 @@ class TestSeeing:
         assert world.names((0, 0, 1), (1, 0, 0)) == "hollow"
 
     def test_sensors_and_contacts_use_different_shapes(self, tmp_path: Path) -> None:
-        """A sensor never meets a geom of group 3, MuJoCo's contacts none of group 2 (item 57)."""
+        """A sensor never meets a geom of group 3, MuJoCo's contacts none of group 2 (worlds 57)."""
         dice = np.random.default_rng(0)
         bowl = thing(cuboid_mesh((1, 1, 0), (2, 2, 1)), "post", movable=False)
         fence = SceneObject("fence", (Part(cuboid_mesh((-3, 1, 0), (-2, 2, 1)), visible=False),))
@@ -92,7 +92,7 @@ class TestSeeing:
         assert world.solid_rays((2.5, 0, 0.5), AXES[3:4])[0] == np.inf
 
     def test_single_sided_faces_are_seen_from_both_sides(self, tmp_path: Path) -> None:
-        """A quad of two triangles stops rays from the front and from behind (item 58)."""
+        """A quad of two triangles stops rays from the front and from behind (worlds 58)."""
         quad = mesh_of([(1, -1, 0), (1, 1, 0), (1, 1, 2), (1, -1, 2)], TWO_FACES)
         world = build_world(tmp_path, scene_of(FLOOR, thing(quad, "sheet"), starts=[HERE]))
         assert world.rays((0, 0, 1), AXES[:1])[0] == pytest.approx(1.0)
@@ -140,7 +140,8 @@ class TestSeeing:
         ]
 
     def test_pictures_keep_their_orientation(self, tmp_path: Path) -> None:
-        """The texture coordinate v = 1 is the upper edge of the picture; JPEG becomes PNG (12)."""
+        """The texture coordinate v = 1 is the upper edge of the picture; JPEG becomes PNG
+        (worlds reference 12)."""
         image = Image.new("RGB", (64, 64), (255, 0, 0))
         image.paste((0, 0, 255), (0, 32, 64, 64))  # red above, blue below
         image.save(tmp_path / "flag.jpg", quality=100)
@@ -167,7 +168,7 @@ class TestSeeing:
 
     def test_missing_and_broken_pictures(self, tmp_path: Path) -> None:
         """A picture that is not there is listed once, one that is none is told of; the world loads
-        with plain materials (item 70)."""
+        with plain materials (worlds 70)."""
         looks = {
             "wall": Material("wall", texture=tmp_path / "nowhere.tga"),
             "door": Material("door", image=b"\x89PNG\r\n\x1a\nnonsense"),
@@ -200,7 +201,7 @@ class TestFeeling:
         return spec.compile()
 
     def test_a_hollow_room_is_empty(self, tmp_path: Path) -> None:
-        """A ball in the middle of a hollow mesh touches nothing until it is down (item 51)."""
+        """A ball in the middle of a hollow mesh touches nothing until it is down (worlds 51)."""
         hollow = thing(cuboid_mesh((-2, -2, 0), (2, 2, 3), inward=True), "hollow")
         world = build_world(tmp_path, scene_of(hollow, starts=[HERE]))
         model = self.ball(world.built.folder, (0.0, 0.0, 1.5))
@@ -212,7 +213,7 @@ class TestFeeling:
         assert data.body("ball").xpos[2] == pytest.approx(0.1, abs=0.01)
 
     def test_a_fast_ball_does_not_tunnel(self, tmp_path: Path) -> None:
-        """At 5 m/s and 2 ms a ball stays above a floor of one quad (items 54, 59)."""
+        """At 5 m/s and 2 ms a ball stays above a floor of one quad (worlds 54, 59)."""
         quad = mesh_of([(-3, -3, 0), (3, -3, 0), (3, 3, 0), (-3, 3, 0)], TWO_FACES)
         world = build_world(tmp_path, scene_of(thing(quad, "floor"), starts=[HERE]))
         for height in (1.28, 1.5, 1.7):
@@ -220,13 +221,13 @@ class TestFeeling:
             assert data.body("ball").xpos[2] == pytest.approx(0.1, abs=0.02)
 
     def test_down_is_down(self, tmp_path: Path) -> None:
-        """A free ball falls towards -z (item 77)."""
+        """A free ball falls towards -z (worlds 77)."""
         world = build_world(tmp_path, scene_of(FLOOR, starts=[HERE]))
         data = self.drop(self.ball(world.built.folder, (0, 0, 3.0)), "ball", 0.3)
         assert data.body("ball").xpos[2] < 2.8
 
     def test_movable_things_can_be_pushed(self, tmp_path: Path) -> None:
-        """A movable thing is a body with its mass; the same one fixed is none (item 29)."""
+        """A movable thing is a body with its mass; the same one fixed is none (worlds 29)."""
         crate = cuboid_mesh((-0.2, -0.2, -0.2), (0.2, 0.2, 0.2))
         world = build_world(
             tmp_path,
@@ -317,7 +318,7 @@ class TestFeeling:
             np.testing.assert_allclose(high - low, 2.0 * (np.abs(axis) + radius), atol=1e-9)
 
     def test_terrain(self, tmp_path: Path) -> None:
-        """Terrain is stood on where it is seen (item 63)."""
+        """Terrain is stood on where it is seen (worlds 63)."""
         x, y = np.meshgrid(np.arange(41) * 0.5, np.arange(21) * 0.5)
         heights = 0.3 * np.sin(x) + 0.2 * np.cos(y)
         field = Heightfield("hills", heights, (0.5, 0.5), Pose((-10, -5, 1.0)), tag="T")
@@ -331,7 +332,7 @@ class TestFeeling:
             assert felt == pytest.approx(seen, abs=1e-3)
 
     def test_large_terrain_is_a_height_field(self, tmp_path: Path) -> None:
-        """A mesh of 100 000 triangles costs less than 200 MB and collides as a grid (item 63)."""
+        """A mesh of 100 000 triangles costs less than 200 MB and collides as a grid (worlds 63)."""
         x, y = np.meshgrid(np.linspace(0, 20, 225), np.linspace(0, 20, 225))
         ground = grid_mesh(
             224, 224, 60.0, np.sin(x * 1.7) * 0.4 + np.cos(y * 1.3) * 0.5 + 0.01 * x * y
@@ -350,7 +351,7 @@ class TestTelling:
     """Names, places, people, lamps."""
 
     def test_names_survive(self, tmp_path: Path) -> None:
-        """Equal names get distinct ones; the old name finds them all (item 69)."""
+        """Equal names get distinct ones; the old name finds them all (worlds 69)."""
         desk = cuboid_mesh((0, 0, 0), (0.5, 0.5, 0.5))
         things = [thing(desk, "My desk", Pose((n, 0, 0)), tag=f"T{n}") for n in range(3)]
         world = build_world(tmp_path, scene_of(FLOOR, *things, starts=[HERE]))
@@ -360,7 +361,7 @@ class TestTelling:
         assert world.names((1.25, 0.25, 2), (0, 0, -1)) == "My_desk-2"
 
     def test_starts_that_cannot_be_used_are_told(self, tmp_path: Path) -> None:
-        """A start in a solid, or without floor below, is reported by name (item 71)."""
+        """A start in a solid, or without floor below, is reported by name (worlds 71)."""
         starts = [
             HERE,
             StartPose("Buried", Pose((0, 0, -0.1))),
@@ -385,7 +386,7 @@ class TestTelling:
         assert "no start pose" in world.texts()
 
     def test_people_stand_on_the_floor(self, tmp_path: Path) -> None:
-        """The posture follows the room there is; scale and heading are kept (item 28)."""
+        """The posture follows the room there is; scale and heading are kept (worlds 28)."""
         shelf = thing(cuboid_mesh((2, -2, 1.2), (4, 2, 1.4)), "shelf")
         people = (
             map_victim("MaleVictim_0", Pose((-2, 0, 0.4), turned(90)), scale=(1.2, 1.2, 1.2)),
@@ -427,7 +428,8 @@ class TestTelling:
         assert read.volumes[0].pose.matrix() == pytest.approx(smoke.volumes[0].pose.matrix())
 
     def test_lights_are_carried_over(self, tmp_path: Path) -> None:
-        """Place, colour and count are kept; more than cameras know are left out and told (76)."""
+        """Place, colour and count are kept; more than cameras know are left out and told
+        (worlds 76)."""
         one = Light("lamp", position=(1, 2, 3), color=(1.0, 0.5, 0.0), reach=4.0)
         sun = Light("sun", LightKind.DIRECTIONAL, direction=(0, 0, -2))
         world = build_world(tmp_path, scene_of(FLOOR, starts=[HERE], lights=(one, sun)))
@@ -457,7 +459,8 @@ class TestTelling:
 
     @pytest.mark.parametrize("size", [0.001, 5000.0])
     def test_absurd_sizes_are_refused(self, tmp_path: Path, size: float) -> None:
-        """A map of a millimetre or of 10 km has the wrong scale; the cure names one (6)."""
+        """A map of a millimetre or of 10 km has the wrong scale; the cure names one
+        (worlds reference 11 no. 7)."""
         mesh = cuboid_mesh((-size, -size, -size), (size, size, size))
         with pytest.raises(MapImportError, match=r"absurd.*--scale"):
             build_world(tmp_path, scene_of(thing(mesh), starts=[HERE]))
@@ -473,7 +476,7 @@ class TestTelling:
             build_world(tmp_path, scene_of(ghost))
 
     def test_runs_repeat(self, tmp_path: Path) -> None:
-        """Two imports of one map give the same files to the byte (item 75)."""
+        """Two imports of one map give the same files to the byte (worlds 75)."""
         text = level(
             room(),
             brush("Block", (100, 100, 0), (300, 250, 200)),

@@ -39,7 +39,7 @@ write = writer("map.dae")
 
 
 class TestAsset:
-    """Units and axes (item 43)."""
+    """Units and axes (worlds 43)."""
 
     @pytest.mark.parametrize("unit", [1.0, 0.0254, 8.375])
     def test_unit(self, tmp_path: Path, unit: float) -> None:
@@ -57,7 +57,7 @@ class TestAsset:
         assert volume(mesh) == pytest.approx(1 / 8)
 
     def test_axes(self, tmp_path: Path) -> None:
-        """Y_UP, which is the default, X_UP and Z_UP of one thing coincide (items 9, 10)."""
+        """Y_UP, which is the default, X_UP and Z_UP of one thing coincide (worlds 9, 10)."""
         lying = WEDGE[:, [2, 0, 1]] * np.array([1.0, -1.0, -1.0])  # (x, y, z) with x up
         for asset, points in (
             ("<up_axis>Z_UP</up_axis>", WEDGE),
@@ -80,12 +80,12 @@ class TestTolerance:
     """What exporters got wrong."""
 
     def test_invalid_utf8_in_an_id(self, tmp_path: Path) -> None:
-        """Bytes that are no UTF-8 inside ids do not matter (item 44)."""
+        """Bytes that are no UTF-8 inside ids do not matter (worlds 44)."""
         text = dae(dae_wedge()).encode().replace(b'"g', b'"g\xff\x83').replace(b"#g", b"#g\xff\x83")
         assert volume(whole(read(write(tmp_path, text)))) == pytest.approx(1.0)
 
     def test_less_than_in_an_attribute(self, tmp_path: Path) -> None:
-        """`<` and a stray `&` inside an attribute's value do not matter (item 45)."""
+        """`<` and a stray `&` inside an attribute's value do not matter (worlds 45)."""
         text = dae(dae_wedge()).replace('name="n"', 'name="a <b> & c"')
         scene = read(write(tmp_path, text))
         assert scene.objects[0].name == "a <b> & c"
@@ -106,7 +106,7 @@ class TestTolerance:
 
 
 class TestPrimitives:
-    """Kinds of faces (item 46)."""
+    """Kinds of faces (worlds 46)."""
 
     def test_polygons_with_a_hole(self, tmp_path: Path) -> None:
         """A square of 4 m with a hole of 2 m: eight triangles, 12 square metres."""
@@ -217,7 +217,7 @@ class TestNodes:
         assert volume(whole(read(write(tmp_path, text)))) == pytest.approx(1.0)
 
     def test_markers_and_lights(self, tmp_path: Path) -> None:
-        """Empty nodes may be starts; lights keep place, direction and colour (item 76)."""
+        """Empty nodes may be starts; lights keep place, direction and colour (worlds 76)."""
         more = (
             '<library_lights><light id="sun"><technique_common><directional><color>2 1 0</color>'
             "</directional></technique_common></light></library_lights>"
@@ -289,7 +289,7 @@ class TestBadFiles:
 
 
 def test_only_declared_packages() -> None:
-    """The reader imports nothing beyond numpy and the standard library (item 47)."""
+    """The reader imports nothing beyond numpy and the standard library (worlds 47)."""
     for module in (collada, collada_mesh, xml_text):
         names = {
             value.__name__.partition(".")[0]

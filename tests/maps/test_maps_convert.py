@@ -40,7 +40,7 @@ class TestCache:
     """What was imported once is there."""
 
     def test_a_second_import_does_nothing(self, source: Path) -> None:
-        """The same world comes from the cache, with its report (item 67)."""
+        """The same world comes from the cache, with its report (worlds 67)."""
         first = imported(source)
         second = imported(source)
         assert not first.cached
@@ -49,7 +49,7 @@ class TestCache:
         assert second.report.text() == first.report.text()
 
     def test_the_second_import_is_quick(self, tmp_path: Path) -> None:
-        """A remembered level of 200 rooms takes a fifth of the work or less (item 67).
+        """A remembered level of 200 rooms takes a fifth of the work or less (worlds 67).
 
         Counted in processor time of this process, which other programs do not disturb.
         """
@@ -69,7 +69,7 @@ class TestCache:
 
     @pytest.mark.parametrize("change", ["map", "option", "sidecar", "asset", "name"])
     def test_any_change_is_noticed(self, source: Path, tmp_path: Path, change: str) -> None:
-        """Editing the map, an option, the sidecar or an asset imports again (item 68)."""
+        """Editing the map, an option, the sidecar or an asset imports again (worlds 68)."""
         assets = tmp_path / "assets"
         assets.mkdir()
         options = ImportOptions(assets=(assets,))
@@ -90,7 +90,7 @@ class TestCache:
         assert not imported(source, options=options, name=name).cached
 
     def test_files_beside_the_map_are_watched(self, tmp_path: Path) -> None:
-        """A picture that the map uses and that changes makes the entry stale (item 68)."""
+        """A picture that the map uses and that changes makes the entry stale (worlds 68)."""
         Image.new("RGB", (4, 4), (255, 0, 0)).save(tmp_path / "Wall.png")
         path = tmp_path / "map.t3d"
         path.write_text(level(room(), start("S", (0, 0, 60))))
@@ -174,7 +174,7 @@ class TestTarget:
         assert (out / "mine" / "thesis.tex").exists()
 
     def test_the_folder_is_complete(self, source: Path, tmp_path: Path) -> None:
-        """The copied world loads when the map and the cache are gone (item 70)."""
+        """The copied world loads when the map and the cache are gone (worlds 70)."""
         folder = imported(source, out=tmp_path / "out", cache=tmp_path / "c").folder
         source.unlink()
         world = load_world(folder)
@@ -223,7 +223,7 @@ color = [1.0, 0.0, 0.0]
 """
 
     def test_everything_can_be_said(self, source: Path, tmp_path: Path) -> None:
-        """Scale, starts, victims and exclusions are overridden and reported (item 74)."""
+        """Scale, starts, victims and exclusions are overridden and reported (worlds 74)."""
         sidecar = tmp_path / "extra.toml"
         sidecar.write_text(self.SIDECAR)
         result = imported(source, sidecar=sidecar)
@@ -244,7 +244,7 @@ color = [1.0, 0.0, 0.0]
         assert preview.lower[0] < 0.0
 
     def test_objects_can_be_changed(self, tmp_path: Path) -> None:
-        """Rules by name, tag or class hide, fix, loosen and weigh things (item 74)."""
+        """Rules by name, tag or class hide, fix, loosen and weigh things (worlds 74)."""
         path = tmp_path / "map.t3d"
         mesh = "Begin Object Class=C Name=C\nStaticMesh=StaticMesh'P.M'\nEnd Object"
         path.write_text(
@@ -356,7 +356,7 @@ class TestCommand:
         arguments: list[str],
         told: str,
     ) -> None:
-        """One line on standard error with the cure, exit code 2, no traceback (items 72, 73)."""
+        """One line on standard error with the cure, exit code 2, no traceback (worlds 72, 73)."""
         monkeypatch.chdir(tmp_path)
         (tmp_path / "two.xyz").write_bytes(b"\0\1\2\3 nothing that anybody knows")
         assert main(["import", *arguments, "--out", "out"]) == 2

@@ -60,7 +60,7 @@ def test_a_box_is_one_cell() -> None:
 
 
 def test_a_subtraction_alone_is_a_room() -> None:
-    """A level that begins with a subtraction is a room in solid rock (item 19)."""
+    """A level that begins with a subtraction is a room in solid rock (worlds 19)."""
     solid = evaluate([box((0, 0, 0), (4, 4, 3), SUBTRACT)])
     assert not contains(solid, (2.0, 2.0, 1.5))
     for wall in ((-0.1, 2, 1), (4.1, 2, 1), (2, -0.1, 1), (2, 4.1, 1), (2, 2, -0.1), (2, 2, 3.1)):
@@ -68,7 +68,8 @@ def test_a_subtraction_alone_is_a_room() -> None:
 
 
 def test_order_matters() -> None:
-    """Add, subtract, add in the hole gives the last add; without the last two it does not (20)."""
+    """Add, subtract, add in the hole gives the last add; without the last two it does not
+    (worlds 20)."""
     block, hole = box((0, 0, 0), (4, 4, 4)), box((1, 1, 1), (3, 3, 3), SUBTRACT)
     core = box((1.5, 1.5, 1.5), (2.5, 2.5, 2.5))
     assert contains(evaluate([block, hole, core]), (2, 2, 2))
@@ -89,7 +90,7 @@ def hollow_with_t_junctions() -> Brush:
 
 
 def test_a_hollow_brush(findings: Findings) -> None:
-    """A concave brush with T-junctions has its volume to 0.1 % (item 21)."""
+    """A concave brush with T-junctions has its volume to 0.1 % (worlds 21)."""
     solid = evaluate([hollow_with_t_junctions()], disjoint=True, findings=findings)
     assert volume(solid) == pytest.approx(48.0 - 3.6 * 3.6 * 2.6, rel=1e-3)
     assert not contains(solid, (2.0, 2.0, 1.5))
@@ -99,7 +100,7 @@ def test_a_hollow_brush(findings: Findings) -> None:
 @given(st.randoms(use_true_random=False))
 @settings(max_examples=20, deadline=None)
 def test_polygon_order_does_not_matter(dice: random.Random) -> None:
-    """However the faces of a brush are listed, the solid is the same (item 22)."""
+    """However the faces of a brush are listed, the solid is the same (worlds 22)."""
     faces = list(hollow_with_t_junctions().polygons)
     dice.shuffle(faces)
     solid = evaluate([Brush("hollow", tuple(faces))], disjoint=True)
@@ -125,7 +126,7 @@ def programs(draw: st.DrawFn) -> list[Brush]:
 @given(programs())
 @settings(max_examples=60, deadline=None)
 def test_every_cell_is_sound(brushes: list[Brush]) -> None:
-    """Cells are convex, have volume, and none is thinner than 0.01 mm (item 23)."""
+    """Cells are convex, have volume, and none is thinner than 0.01 mm (worlds 23)."""
     for cell in evaluate(brushes, disjoint=True).cells:
         assert cell.volume > 0.0
         assert cell.thickness >= THINNEST
@@ -136,7 +137,7 @@ def test_every_cell_is_sound(brushes: list[Brush]) -> None:
 @given(programs(), st.tuples(*[st.floats(-1.0, 12.0)] * 3))
 @settings(max_examples=80, deadline=None)
 def test_points_agree_with_the_program(brushes: list[Brush], point: Corner) -> None:
-    """A point is solid exactly if the last brush that covers it adds (item 20)."""
+    """A point is solid exactly if the last brush that covers it adds (worlds 20)."""
     margin = 2e-3
     state = brushes[0].operation is SUBTRACT
     for brush in brushes:
@@ -154,7 +155,7 @@ def test_points_agree_with_the_program(brushes: list[Brush], point: Corner) -> N
 
 
 def test_slanted_pieces_are_hulls() -> None:
-    """A wedge is a hull, and cells of turned boxes are boxes (item 24)."""
+    """A wedge is a hull, and cells of turned boxes are boxes (worlds 24)."""
     wedge = Brush(
         "wedge",
         (
@@ -229,7 +230,7 @@ def test_clipping_to_a_box() -> None:
 
 
 def test_materials_follow_the_plane() -> None:
-    """New faces look like the brush that cut them: a room has the room's walls (reference 4.3)."""
+    """New faces look like the brush that cut them: a room has the room's walls (worlds 4.3)."""
     room = Brush(
         "room",
         tuple(

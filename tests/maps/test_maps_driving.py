@@ -61,7 +61,7 @@ def folder_of(tmp_path: Path, scene: Scene) -> str:
 
 
 def test_through_a_doorway(tmp_path: Path) -> None:
-    """A robot drives through a doorway of 1 m; beside it the wall stops it (item 52)."""
+    """A robot drives through a doorway of 1 m; beside it the wall stops it (worlds 52)."""
     source = tmp_path / "two.t3d"
     source.write_text(two_rooms())
     folder = str(import_map(Request(source)).folder)
@@ -75,7 +75,7 @@ def test_through_a_doorway(tmp_path: Path) -> None:
 
 
 def test_a_map_can_be_served_at_once(tmp_path: Path) -> None:
-    """The world of a server may be a map file; clients are told its starts (items 25, 27)."""
+    """The world of a server may be a map file; clients are told its starts (worlds 25, 27)."""
     source = tmp_path / "two.t3d"
     source.write_text(two_rooms().replace("Yaw=0", "Yaw=81920", 1))
     with Rehearsal(world=str(source)) as rehearsal:
@@ -84,7 +84,7 @@ def test_a_map_can_be_served_at_once(tmp_path: Path) -> None:
         (line,) = client.take("NFO {StartPoses 2}")
         head, _, rest = line.partition("{Entry 0.0000,0.0000,-0.2400 0.0000,0.0000,")
         assert head
-        # The editor's angle is passed on as it is, 5/4 turns (item 8).
+        # The editor's angle is passed on as it is, 5/4 turns (worlds 8).
         assert float(rest.split()[0]) == pytest.approx(7.8540, abs=2e-4)
         assert rest.split()[1] == "PlayerStart_1"
         start = rehearsal.assembly.world.starts[0]
@@ -112,7 +112,7 @@ def stage(folder: Path) -> Path:
 
 @pytest.mark.parametrize("make", [package, stage])
 def test_maps_of_other_formats_can_be_served(tmp_path: Path, make: Callable[[Path], Path]) -> None:
-    """A robot drives in a UDK map or a stage until its wall (items 19, 27, 38)."""
+    """A robot drives in a UDK map or a stage until its wall (worlds 19, 27, 38)."""
     with Rehearsal(world=str(make(tmp_path))) as rehearsal:
         client = rehearsal.connect()
         client.send("GETSTARTPOSES")
@@ -133,7 +133,7 @@ def triangle_floor() -> SceneObject:
 
 
 def test_a_floor_of_triangles_is_level(tmp_path: Path) -> None:
-    """Rolling 3 m over 200 triangles the height changes by less than 1 mm (item 53)."""
+    """Rolling 3 m over 200 triangles the height changes by less than 1 mm (worlds 53)."""
     with Rehearsal(
         world=folder_of(tmp_path, scene_of(triangle_floor(), starts=[HERE]))
     ) as rehearsal:
@@ -147,7 +147,7 @@ def test_a_floor_of_triangles_is_level(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["brush", "mesh"])
 def test_nobody_leaves_a_closed_room(tmp_path: Path, kind: str) -> None:
-    """Driven into each wall at full speed for 10 s the robot stays inside (item 55)."""
+    """Driven into each wall at full speed for 10 s the robot stays inside (worlds 55)."""
     if kind == "brush":
         source = tmp_path / "room.t3d"
         room = brush("R", (-500, -500, 0), (500, 500, 750), "CSG_Subtract")
@@ -168,7 +168,7 @@ def test_nobody_leaves_a_closed_room(tmp_path: Path, kind: str) -> None:
 
 
 def test_a_quad_carries_a_robot(tmp_path: Path) -> None:
-    """A floor of a single quad, without thickness in the map, is stood on (item 59)."""
+    """A floor of a single quad, without thickness in the map, is stood on (worlds 59)."""
     quad = thing(grid_mesh(1, 1, 10.0), "quad")
     with Rehearsal(world=folder_of(tmp_path, scene_of(quad, starts=[HERE]))) as rehearsal:
         ride = Ride(rehearsal, "Here")

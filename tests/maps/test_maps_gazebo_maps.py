@@ -35,7 +35,7 @@ MESHES = {
 
 @pytest.mark.parametrize("name", MESHES)
 def test_meshes(name: str, findings: Findings) -> None:
-    """Triangles and extents of the three COLLADA files; every picture is found (items 43, 46)."""
+    """Triangles and extents of the three COLLADA files; every picture is found (worlds 43, 46)."""
     count, extents = MESHES[name]
     scene = read(MAPS / name, findings)
     mesh = whole(scene)

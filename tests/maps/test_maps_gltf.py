@@ -121,13 +121,13 @@ class TestNodes:
         assert findings.classes["empty node"] == 1
 
     def test_custom_properties(self, tmp_path: Path) -> None:
-        """Tag, movable and mass come from extras (items 29, 69)."""
+        """Tag, movable and mass come from extras (worlds 29, 69)."""
         extras = {"tag": "Box", "movable": 1, "mass": 2.5}
         (thing,) = read(write(tmp_path, gltf(nodes=[{"mesh": 0, "extras": extras}]))).objects
         assert (thing.tag, thing.movable, thing.mass) == ("Box", True, 2.5)
 
     def test_lights(self, tmp_path: Path) -> None:
-        """A spot shines along -z of its node; ambient colour and cone are kept (item 76)."""
+        """A spot shines along -z of its node; ambient colour and cone are kept (worlds 76)."""
         lights = [{"type": "spot", "color": [1, 0.5, 0], "intensity": 20,
                    "spot": {"outerConeAngle": 0.5}}]  # fmt: skip
         value = gltf(extensions={"KHR_lights_punctual": {"lights": lights}})
@@ -257,7 +257,7 @@ class TestBadFiles:
         ],
     )
     def test_what_is_wrong(self, tmp_path: Path, changes: dict[str, Any], told: str) -> None:
-        """Errors name file and place (item 73)."""
+        """Errors name file and place (worlds 73)."""
         assert told in refused(write(tmp_path, gltf(**changes)))
 
     def test_absurd_accessor(self, tmp_path: Path) -> None:
@@ -350,7 +350,7 @@ def test_without_draco(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_is_wrong_with_draco(
     tmp_path: Path, value: dict[str, Any], blob: bytes, told: str
 ) -> None:
-    """One line that names file and place (item 73)."""
+    """One line that names file and place (worlds 73)."""
     message = refused(write(tmp_path, glb(value, blob), "map.glb"))
     assert told in message
     assert "meshes[0].primitives[0]" in message
@@ -359,7 +359,7 @@ def test_what_is_wrong_with_draco(
 @FUZZ
 @given(st.lists(st.tuples(st.integers(0, len(DRACO) - 1), st.integers(0, 255)), max_size=4))
 def test_damaged_draco(tmp_path: Path, spots: list[tuple[int, int]]) -> None:
-    """Are read or refused, nothing else (item 73)."""
+    """Are read or refused, nothing else (worlds 73)."""
     blob = bytearray(DRACO)
     for place, value in spots:
         blob[place] = value

@@ -56,7 +56,8 @@ def light_on(world: World, place: tuple[float, float], renderer: str) -> float:
 
 @pytest.mark.parametrize("renderer", ["opengl", "rays"])
 def test_a_lamp_lights_the_floor_below_it(tmp_path: Path, renderer: str) -> None:
-    """Below a lamp it is brighter than without one, far from it it is not, however drawn (76)."""
+    """Below a lamp it is brighter than without one, far from it it is not, however drawn
+    (worlds 76)."""
     if renderer == "opengl":
         platform = probe.usable_platform(probe.platforms_to_try("auto"))
         if platform is None:
@@ -100,7 +101,7 @@ def test_suns_are_not_dimmed_by_lamps() -> None:
 
 
 def test_parallel_suns_are_one_where_there_are_too_many(findings: Findings) -> None:
-    """Suns that shine the same way are added up before any light is left out (76)."""
+    """Suns that shine the same way are added up before any light is left out (worlds 76)."""
     below = [
         Light(f"S{n}", LightKind.DIRECTIONAL, (n, 0, 9), (0, 0, -1 - n), brightness=0.1)
         for n in range(5)

@@ -184,5 +184,5 @@ FOUR_THOUSAND_MILLIONS = b" " * 80 + struct.pack("<I", 0xFFFFFFFF) + b"\0" * 500
     ],
 )
 def test_what_is_wrong(tmp_path: Path, name: str, content: str | bytes, told: str) -> None:
-    """Errors name file and place, in one line (item 73)."""
+    """Errors name file and place, in one line (worlds 73)."""
     assert told in refused(write(tmp_path, content, name))

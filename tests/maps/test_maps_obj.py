@@ -155,7 +155,7 @@ class TestMaterials:
                 assert np.allclose(uvs, corners[:, [0, 2]])
 
     def test_missing_library_and_picture(self, tmp_path: Path, findings: Findings) -> None:
-        """What is missing is a finding, not an error (item 70)."""
+        """What is missing is a finding, not an error (worlds 70)."""
         scene = read(write(tmp_path, obj(head="mtllib gone.mtl\nusemtl paint")), findings)
         assert findings.missing_list() == [("file", "gone.mtl", 1)]
         assert "paint" in scene.materials

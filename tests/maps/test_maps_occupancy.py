@@ -66,7 +66,7 @@ class TestYaml:
 
     @pytest.mark.parametrize("name", ["map.pgm", "map.png", "map.bmp"])
     def test_walls_are_where_they_should_be(self, tmp_path: Path, name: str) -> None:
-        """Rays and contacts meet walls at the edges of cells, to a hair (item 56)."""
+        """Rays and contacts meet walls at the edges of cells, to a hair (worlds 56)."""
         built = world(tmp_path, write(tmp_path, room(), name, YAML.format(name)))
         # From (-1, 0): walls of one cell at x -3, y -2 and 2, and the inner wall at x 0.
         expected = [1.0, 1.9, 1.9, 1.9, np.inf, 0.5]
@@ -75,7 +75,7 @@ class TestYaml:
         assert solid == pytest.approx(expected[:5], abs=1e-5)
 
     def test_the_door_is_above(self, tmp_path: Path) -> None:
-        """The top row of the picture is at the highest y: maps are not upside down (item 9)."""
+        """The top row of the picture is at the highest y: maps are not upside down (worlds 9)."""
         built = world(tmp_path, write(tmp_path, room(), yaml=YAML.format("map.pgm")))
         east = np.array([[1.0, 0.0, 0.0]])
         assert built.rays((-1.0, 1.4, 0.5), east)[0] == pytest.approx(3.9)
@@ -156,7 +156,7 @@ class TestPictures:
     """Pictures alone."""
 
     def test_the_assumed_scale_is_stated(self, tmp_path: Path) -> None:
-        """Without a scale 13 cells are a metre, and the report says it was assumed (item 42)."""
+        """Without a scale 13 cells are a metre, and the report says it was assumed (worlds 42)."""
         scene = read(write(tmp_path, room()))
         assert scene.source.assumed
         assert scene.source.units_per_metre == pytest.approx(13.0)
@@ -259,12 +259,12 @@ class TestWalls:
         assert "too many walls" in findings.warnings()[0].text
 
     def test_walls_are_boxes(self, tmp_path: Path) -> None:
-        """Contact geometry is boxes, not hulls (item 62)."""
+        """Contact geometry is boxes, not hulls (worlds 62)."""
         built = world(tmp_path, write(tmp_path, room(), yaml=YAML.format("map.pgm")))
         assert (built.model.geom_type[built.model.geom_group == 3] == 6).all()
 
     def test_import_is_deterministic(self, tmp_path: Path) -> None:
-        """Two runs give the same boxes in the same order (item 75)."""
+        """Two runs give the same boxes in the same order (worlds 75)."""
         noise = np.where(np.random.default_rng(2).random((50, 70)) < 0.3, 0, 255).astype(np.uint8)
         path = write(tmp_path, noise)
         assert np.array_equal(walls(read(path)).vertices, walls(read(path)).vertices)
@@ -302,7 +302,7 @@ class TestStarts:
         assert len(world(tmp_path, write(tmp_path, pixels)).description.starts) == 1
 
     def test_a_robot_drives_there(self, tmp_path: Path) -> None:
-        """A P3AT stands, drives, and is stopped by a wall (items 52, 55)."""
+        """A P3AT stands, drives, and is stopped by a wall (worlds 52, 55)."""
         yaml = YAML.format("map.pgm")
         source = write(tmp_path, room(), yaml=yaml)
         imported = import_map(Request(source, out=tmp_path / "out"))
@@ -389,7 +389,7 @@ class TestBadFiles:
 
 
 def test_wall_height_in_the_sidecar_and_the_cache(tmp_path: Path) -> None:
-    """The sidecar may say it; another height is another import (items 68, 74)."""
+    """The sidecar may say it; another height is another import (worlds 68, 74)."""
     source = write(tmp_path, room(), yaml=YAML.format("map.pgm"))
     first = import_map(Request(source))
     assert first.report.totals["wall height"] == 2.0

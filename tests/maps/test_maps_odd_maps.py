@@ -1,4 +1,4 @@
-"""Maps that robots cannot live in (item 71); damaged and huge ones: bounded memory and time."""
+"""Maps that robots cannot live in (worlds 71); damaged and huge ones: bounded memory and time."""
 
 from __future__ import annotations
 
@@ -286,7 +286,7 @@ def test_any_bytes(tmp_path: Path, content: bytes) -> None:
 @given(st.data())
 @FUZZ
 def test_garbled_maps(tmp_path: Path, data: st.DataObject) -> None:
-    """A good map with some bytes changed gives a world that loads, or one error (item 73)."""
+    """A good map with some bytes changed gives a world that loads, or one error (worlds 73)."""
     content = bytearray(two_rooms().encode())
     for _ in range(data.draw(st.integers(1, 6))):
         place = data.draw(st.integers(0, len(content) - 1))
@@ -351,7 +351,7 @@ def test_monster_brushes_are_dropped(tmp_path: Path) -> None:
 
 
 def test_an_error_leaves_the_old_world(tmp_path: Path) -> None:
-    """A map that became unreadable does not touch the world made from it before (item 73)."""
+    """A map that became unreadable does not touch the world made from it before (worlds 73)."""
     source = tmp_path / "map.t3d"
     source.write_text(two_rooms())
     folder = import_map(Request(source, out=tmp_path / "out")).folder

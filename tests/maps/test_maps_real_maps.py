@@ -26,7 +26,7 @@ def modules() -> list[Path]:
 
 @pytest.mark.skipif(not modules(), reason="USARSIM_MAPS names no folder with T3D modules in t3d/")
 def test_rooms_of_the_world_generator(tmp_path: Path) -> None:
-    """Every module is a closed room on the grid of 782 UU (reference 4.2)."""
+    """Every module is a closed room on the grid of 782 UU (worlds 4.2)."""
     for path in modules():
         findings = Findings()
         world = build_world(tmp_path, read(path, findings), findings)

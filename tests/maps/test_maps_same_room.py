@@ -1,4 +1,4 @@
-"""One room in six formats: walls, floor and a pillar are in the same places (item 9)."""
+"""One room in six formats: walls, floor and a pillar are in the same places (worlds 9)."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ FORMATS: dict[str, Writer] = {
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_the_same_room_in_every_format(tmp_path: Path, name: str, findings: Findings) -> None:
-    """Rays meet walls, floor and pillar where they are, to 1 mm; so do collisions (item 9)."""
+    """Rays meet walls, floor and pillar where they are, to 1 mm; so do collisions (worlds 9)."""
     built = build_world(tmp_path, read(FORMATS[name](tmp_path), findings), findings)
     ways = fan()
     for eye in EYES:

@@ -75,7 +75,7 @@ class TestShapes:
         assert matrix(thing)[:3, 2] == pytest.approx([1.0, 0.0, 0.0])
 
     def test_collision_apart_from_visual(self, tmp_path: Path) -> None:
-        """Where they differ, one is only seen and the other only felt (reference 9.4)."""
+        """Where they differ, one is only seen and the other only felt (worlds 9.4)."""
         inner = (
             '<visual name="v"><geometry><box><size>1 1 1</size></box></geometry></visual>'
             '<collision name="c"><geometry><box><size>1 1 2</size></box></geometry></collision>'
@@ -112,7 +112,7 @@ class TestShapes:
 
 
 class TestMeshes:
-    """Mesh files (items 43, 48)."""
+    """Mesh files (worlds 43, 48)."""
 
     def inner(self, scale: str = "1 1 1", uri: str = "model://thing/meshes/w.dae") -> str:
         """A model with a mesh."""
@@ -124,14 +124,14 @@ class TestMeshes:
         return tmp_path
 
     def test_scale_per_axis_and_negative(self, tmp_path: Path) -> None:
-        """Scales may differ by axis and reflect; faces look outwards (item 48)."""
+        """Scales may differ by axis and reflect; faces look outwards (worlds 48)."""
         mesh = whole(load(self.folder(tmp_path), self.inner("2 -1 0.5")))
         assert volume(mesh) == pytest.approx(1.0)
         assert mesh.vertices.min(axis=0) == pytest.approx([0.0, -1.0, 0.0])
         assert mesh.vertices.max(axis=0) == pytest.approx([4.0, 0.0, 1.5])
 
     def test_the_unit_counts_and_the_axes_do_not(self, tmp_path: Path) -> None:
-        """Gazebo applies a mesh's unit and ignores its up axis (reference 7)."""
+        """Gazebo applies a mesh's unit and ignores its up axis (worlds 7)."""
         asset = '<unit meter="0.1"/><up_axis>Y_UP</up_axis>'
         write(tmp_path, dae(dae_wedge(), asset=asset), "thing/meshes/w.dae")
         mesh = whole(load(tmp_path, self.inner()))
@@ -158,7 +158,7 @@ class TestMeshes:
 
     @pytest.mark.parametrize("uri", ["model://gone/w.dae", "model://thing/meshes/w.blend"])
     def test_missing_and_unknown(self, tmp_path: Path, uri: str, findings: Findings) -> None:
-        """A mesh that cannot be had is a finding; placeholders stand in on request (item 70)."""
+        """A mesh that cannot be had is a finding; placeholders stand in on request (worlds 70)."""
         write(tmp_path, "nothing", "thing/meshes/w.blend")
         text = self.inner(uri=uri) + model("other", BOX)
         assert only(load(tmp_path, text, findings)).name == "other"
@@ -184,7 +184,7 @@ class TestMeshes:
 
 
 class TestPoses:
-    """Frames (item 48)."""
+    """Frames (worlds 48)."""
 
     def test_model_link_and_shape(self, tmp_path: Path) -> None:
         """Poses compose from model over link to shape; angles are roll, pitch, yaw."""
@@ -244,7 +244,7 @@ class TestPoses:
             assert angles == pytest.approx((0.0, 0.0, math.pi / 2))
 
     def test_saved_state(self, tmp_path: Path) -> None:
-        """Poses of a saved state override those of the models (reference 8)."""
+        """Poses of a saved state override those of the models (worlds 8)."""
         state = (
             '<state world_name="default"><model name="m"><pose>7 8 9 0 0 0</pose></model></state>'
         )
@@ -272,7 +272,7 @@ class TestBadFiles:
         ],
     )
     def test_what_is_wrong(self, tmp_path: Path, text: str, told: str) -> None:
-        """Errors name file and line (item 73)."""
+        """Errors name file and line (worlds 73)."""
         path = write(tmp_path, text)
 
         def run() -> object:

@@ -1,4 +1,4 @@
-"""Gazebo models: where they are, what moves, how they look (items 29, 49, 76)."""
+"""Gazebo models: where they are, what moves, how they look (worlds 29, 49, 76)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ class TestModels:
     """Finding and moving them."""
 
     def test_built_in_models(self, tmp_path: Path, findings: Findings) -> None:
-        """sun and ground_plane are there without files; other missing ones are named (item 49)."""
+        """sun and ground_plane are there without files; other missing ones are named
+        (worlds 49)."""
         uris = ("sun", "ground_plane", "fountain", "fountain")
         scene = load(
             tmp_path, "".join(f"<include><uri>model://{u}</uri></include>" for u in uris), findings
@@ -73,7 +74,7 @@ class TestModels:
         assert model_name(uri) == name
 
     def test_static_and_movable(self, tmp_path: Path) -> None:
-        """Models that are not static can be pushed, with their masses (item 29)."""
+        """Models that are not static can be pushed, with their masses (worlds 29)."""
         inertial = "<inertial><mass>2.5</mass></inertial>"
         text = model("wall", BOX) + model("crate", inertial + BOX, static=False)
         wall, crate = load(tmp_path, text).objects
@@ -116,7 +117,8 @@ class TestModels:
             assert only(load(tmp_path, text)).friction == expected
 
     def test_pushing(self, tmp_path: Path) -> None:
-        """In the built world a movable box falls onto the floor and a static one hangs (29)."""
+        """In the built world a movable box falls onto the floor and a static one hangs
+        (worlds 29)."""
         ground = "<include><uri>model://ground_plane</uri></include>"
         place = "<pose>{} 0 5 0 0 0</pose>"
         loose = model("loose", BOX, static=False).replace("<link", place.format(0) + "<link", 1)
@@ -209,7 +211,7 @@ class TestLooks:
         assert [scene.materials[name].color[0] for name in names] == [1.0, 0.5]
 
     def test_lights(self, tmp_path: Path) -> None:
-        """Point and spot lights keep place, direction, colour and reach (item 76)."""
+        """Point and spot lights keep place, direction, colour and reach (worlds 76)."""
         text = (
             '<light type="spot" name="S"><pose>1 2 3 0 1.5707963267948966 0</pose>'
             "<diffuse>0.5 0.25 0 1</diffuse><direction>0 0 -1</direction>"

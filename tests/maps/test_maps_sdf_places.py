@@ -16,10 +16,10 @@ from usarsim_server.simulation.frames import rpy_from_quaternion
 
 
 class TestPlaces:
-    """Start poses and people (item 50)."""
+    """Start poses and people (worlds 50)."""
 
     def test_start_poses(self, tmp_path: Path) -> None:
-        """Elements of the plug-in are start poses in the simulation's frame (item 50)."""
+        """Elements of the plug-in are start poses in the simulation's frame (worlds 50)."""
         first, second = load(tmp_path, PLUGIN + model("m", BOX)).starts
         assert first.tag == "Gate"
         assert first.pose.position == (1.5, -2.0, 0.3)
@@ -27,7 +27,7 @@ class TestPlaces:
         assert (second.tag, second.pose.position) == ("Roof", (1.0, 2.0, 3.0))
 
     def test_on_the_wire(self, tmp_path: Path) -> None:
-        """Clients are told the same place with y and z turned round (items 27, 50)."""
+        """Clients are told the same place with y and z turned round (worlds 27, 50)."""
         scene = load(tmp_path, PLUGIN + "<include><uri>model://ground_plane</uri></include>")
         start = build_world(tmp_path, scene).description.starts[0]
         assert start.tag == "Gate"

@@ -51,7 +51,7 @@ class TestCleaning:
     """What comes from files is dirty."""
 
     def test_bad_triangles_are_dropped_and_counted(self) -> None:
-        """Zero-area, double and non-finite triangles go; the good one stays (item 60)."""
+        """Zero-area, double and non-finite triangles go; the good one stays (worlds 60)."""
         vertices = np.array(
             [[0, 0, 0], [1, 0, 0], [0, 1, 0], [np.nan, 0, 0], [2, 0, 0], [0, 1, 1e-7]]
         )
@@ -82,12 +82,13 @@ class TestMerging:
     """Coplanar triangles become convex polygons."""
 
     def test_a_tiled_floor_becomes_one_polygon(self) -> None:
-        """200 coplanar triangles give one rectangle of four corners (items 61, 62)."""
+        """200 coplanar triangles give one rectangle of four corners (worlds 61, 62)."""
         rings = convex_polygons(soup_of(grid_mesh(10, 10, 10.0)))
         assert [len(ring) for _, ring in rings] == [4]
 
     def test_pairs_halve_the_count(self) -> None:
-        """A 10 000-triangle mesh of coplanar pairs gives at most half as many polygons (61)."""
+        """A 10 000-triangle mesh of coplanar pairs gives at most half as many polygons
+        (worlds 61)."""
         dice = np.random.default_rng(0)
         steps = np.repeat(dice.uniform(0, 1, 50), 2)[:101]
         heights = np.tile(np.concatenate([steps, steps[:1]])[:101], (51, 1))
@@ -239,7 +240,7 @@ class TestCutting:
 
 
 class TestChoosing:
-    """Which pieces an object gets (reference 9.4)."""
+    """Which pieces an object gets (worlds 9.4)."""
 
     def pieces(self, mesh: Mesh, mode: Collision = Collision.AUTO, **more: object) -> list[Piece]:
         """Pieces of one mesh."""
@@ -251,7 +252,7 @@ class TestChoosing:
 
     @pytest.mark.parametrize("seed", range(4))
     def test_turned_boxes_are_boxes(self, seed: int) -> None:
-        """A crate is one box, whatever way it stands; a frustum is a hull (item 62)."""
+        """A crate is one box, whatever way it stands; a frustum is a hull (worlds 62)."""
         mesh = cuboid_mesh((0, 0, 0), (1, 2, 1.5))
         turn = quaternion_from_rpy(*np.random.default_rng(seed).uniform(-3, 3, 3).tolist())
         pose = Pose((3.0, -2.0, 1.0), turn)
@@ -291,7 +292,8 @@ class TestChoosing:
         assert len(self.pieces(cuboid_mesh((0, 0, 0), (1, 1, 1)), mode)) == count
 
     def test_few_pieces_are_enough_where_they_are_true(self) -> None:
-        """A prop of many pieces keeps its surface if hulls of its parts are not true (9.4)."""
+        """A prop of many pieces keeps its surface if hulls of its parts are not true
+        (worlds 9.4)."""
         dice = np.random.default_rng(1)
         bumpy = grid_mesh(12, 12, 1.0, dice.uniform(0, 0.3, (13, 13)))
         assert len(self.pieces(bumpy)) > 200
@@ -314,7 +316,7 @@ class TestChoosing:
         assert len(self.pieces(shell)) == 12
 
     def test_flat_hulls_become_plates(self) -> None:
-        """Points in one plane have no hull; a plate stands for them (item 59)."""
+        """Points in one plane have no hull; a plate stands for them (worlds 59)."""
         piece = hull_piece(np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]]))
         assert isinstance(piece, BoxPiece)
         assert sorted(piece.half) == pytest.approx([0.0005, 0.5, 0.5])
@@ -337,7 +339,7 @@ class TestTerrain:
         return grid_mesh(cells, cells, 40.0, np.sin(x * 0.7) + np.cos(y * 0.9) + 0.05 * x * y / 20)
 
     def test_rolling_ground_becomes_a_height_field(self) -> None:
-        """Heights agree with the mesh, and the grid is as fine as its triangles (item 63)."""
+        """Heights agree with the mesh, and the grid is as fine as its triangles (worlds 63)."""
         mesh = self.rolling(120)
         field = as_terrain(orient(soup_of(mesh), UP), UP)
         assert field.heights.shape == (121, 121)

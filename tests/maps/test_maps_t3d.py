@@ -27,7 +27,7 @@ class TestBrushes:
     """Geometry of the level."""
 
     def test_normals_point_outwards(self, tmp_path: Path) -> None:
-        """Also where DrawScale3D mirrors the brush (item 10)."""
+        """Also where DrawScale3D mirrors the brush (worlds 10)."""
         for properties in ("", "DrawScale3D=(X=-1,Y=1,Z=1)\n"):
             scene = read(
                 tmp_path, level(brush("B", (100, 0, 0), (350, 250, 250), properties=properties))
@@ -40,7 +40,7 @@ class TestBrushes:
             assert volume(scene) == pytest.approx(1.0)
 
     def test_pivot_and_rotation(self, tmp_path: Path) -> None:
-        """PrePivot, rotation and location are applied in the engine's order (item 11)."""
+        """PrePivot, rotation and location are applied in the engine's order (worlds 11)."""
         properties = (
             "PrePivot=(X=100,Y=0,Z=0)\nRotation=(Pitch=0,Yaw=16384,Roll=0)\n"
             "Location=(X=500,Y=0,Z=250)\n"
@@ -54,7 +54,7 @@ class TestBrushes:
         np.testing.assert_allclose(points.max(axis=0), (2.0, 0.4, 2.0), atol=1e-9)
 
     def test_scales(self, tmp_path: Path) -> None:
-        """DrawScale 2 with DrawScale3D (1, 2, 0.5) makes a unit cube 2 x 4 x 1 (item 12)."""
+        """DrawScale 2 with DrawScale3D (1, 2, 0.5) makes a unit cube 2 x 4 x 1 (worlds 12)."""
         properties = "DrawScale=2\nDrawScale3D=(X=1,Y=2,Z=0.5)\n"
         (one,) = read(
             tmp_path, level(brush("B", (0, 0, 0), (250, 250, 250), properties=properties))
@@ -63,20 +63,20 @@ class TestBrushes:
         np.testing.assert_allclose(np.ptp(points, axis=0), (2.0, 4.0, 1.0))
 
     def test_origin_and_normal_may_be_there(self, tmp_path: Path) -> None:
-        """Polygons with and without Origin and Normal are the same solid (item 14)."""
+        """Polygons with and without Origin and Normal are the same solid (worlds 14)."""
         text = level(brush("B", (0, 0, 0), (250, 250, 250)))
         extra = "Origin +00000.0,+00000.0,+00000.0\nNormal +00000.0,+00000.0,+00001.0\nTextureU"
         assert volume(read(tmp_path, text.replace("TextureU", extra))) == pytest.approx(1.0)
         assert volume(read(tmp_path, text)) == pytest.approx(1.0)
 
     def test_the_inner_polylist_counts(self, tmp_path: Path) -> None:
-        """The empty list at actor level is ignored (item 15)."""
+        """The empty list at actor level is ignored (worlds 15)."""
         text = level(brush("B", (0, 0, 0), (250, 250, 250)))
         assert text.index("Begin PolyList\nEnd PolyList") < text.index("Begin Brush")
         assert len(read(tmp_path, text).brushes[0].polygons) == 6
 
     def test_the_builder_brush_is_a_tool(self, tmp_path: Path) -> None:
-        """Without CsgOper, or with CSG_Active, a brush adds nothing (item 17)."""
+        """Without CsgOper, or with CSG_Active, a brush adds nothing (worlds 17)."""
         text = level(
             brush("Builder", (-9999, -9999, 0), (9999, 9999, 99), operation=""),
             brush("Red", (-9999, -9999, 0), (9999, 9999, 99), operation="CSG_Active"),
@@ -85,7 +85,7 @@ class TestBrushes:
         assert [one.name for one in read(tmp_path, text).brushes] == ["B"]
 
     def test_volumes_are_neither_felt_nor_seen(self, tmp_path: Path, findings: Findings) -> None:
-        """A volume, even one with a CsgOper, is no solid (item 18)."""
+        """A volume, even one with a CsgOper, is no solid (worlds 18)."""
         text = level(
             brush("Floor", (-500, -500, -50), (500, 500, 0)),
             brush("V", (100, -100, 0), (200, 100, 200), kind="TriggerVolume"),
@@ -102,7 +102,7 @@ class TestBrushes:
         [(0, Solidity.SOLID), (0x20, Solidity.SEMISOLID), (0x08, Solidity.NONSOLID)],
     )
     def test_flags(self, tmp_path: Path, flags: int, solidity: Solidity) -> None:
-        """PolyFlags say whether a brush is solid (reference 4.2)."""
+        """PolyFlags say whether a brush is solid (worlds 4.2)."""
         text = level(brush("B", (0, 0, 0), (250, 250, 250), properties=f"PolyFlags={flags}\n"))
         assert read(tmp_path, text).brushes[0].solidity is solidity
 
@@ -133,7 +133,7 @@ class TestBrushes:
         assert findings.warnings()[0].times == 2
 
     def test_no_mirror_image(self, tmp_path: Path) -> None:
-        """An asymmetric map keeps its sides: Unreal's +Y is to the right (item 9)."""
+        """An asymmetric map keeps its sides: Unreal's +Y is to the right (worlds 9)."""
         world = import_text(tmp_path, corner())
         down = AXES[5:]
         # Long wall along +X at Y 0..100 UU: y from -0.4 to 0.
@@ -148,7 +148,7 @@ class TestPlaces:
     """Starts, path nodes, victims."""
 
     def test_starts(self, tmp_path: Path) -> None:
-        """The default Tag gives way to the Name; the order is the file's (items 25, 27)."""
+        """The default Tag gives way to the Name; the order is the file's (worlds 25, 27)."""
         scene = read(
             tmp_path,
             level(
@@ -165,7 +165,7 @@ class TestPlaces:
         assert wire_from_pose(scene.starts[2].pose)[1] == pytest.approx(rotation)
 
     def test_path_nodes_and_people(self, tmp_path: Path) -> None:
-        """Path nodes follow the same rule; those that are victims are no nodes (item 26)."""
+        """Path nodes follow the same rule; those that are victims are no nodes (worlds 26)."""
         package = "VictimPackage.animation.Generic"
         scene = read(
             tmp_path,
@@ -191,7 +191,7 @@ class TestPlaces:
         ]
 
     def test_victim_actors(self, tmp_path: Path) -> None:
-        """MaleVictim and FemaleVictim keep name, place, heading and scale (item 28)."""
+        """MaleVictim and FemaleVictim keep name, place, heading and scale (worlds 28)."""
         scene = read(
             tmp_path,
             level(
@@ -207,7 +207,7 @@ class TestPlaces:
         ]
 
     def test_lights(self, tmp_path: Path) -> None:
-        """Place, radius, brightness and colour of a light (item 76)."""
+        """Place, radius, brightness and colour of a light (worlds 76)."""
         component = (
             "Begin Object Class=PointLightComponent Name=C\nRadius=500\nBrightness=0.5\n"
             "LightColor=(B=0,G=128,R=255,A=0)\nEnd Object"
@@ -229,7 +229,7 @@ class TestPlaces:
         assert sky.kind is LightKind.AMBIENT
 
     def test_unknown_things_are_counted(self, tmp_path: Path, findings: Findings) -> None:
-        """Unknown classes, blocks and properties never stop an import (item 16)."""
+        """Unknown classes, blocks and properties never stop an import (worlds 16)."""
         text = level(
             actor("UTWeaponLocker", "W", properties="Frobnication=(A=(B=(C=1)))"),
             actor("UTWeaponLocker", "W2"),
@@ -310,7 +310,7 @@ class TestMeshes:
         assert world.rays((1.25, -0.75, 2.0), AXES[5:])[0] == pytest.approx(2.0, abs=1e-5)
 
     def test_missing_meshes_are_listed_once(self, tmp_path: Path, findings: Findings) -> None:
-        """A mesh that is not there is listed with its uses; the rest loads (item 70)."""
+        """A mesh that is not there is listed with its uses; the rest loads (worlds 70)."""
         scene = read(tmp_path, level(room(), mesh_actor(), mesh_actor()), findings)
         assert scene.objects == ()
         assert findings.missing_list()[0] == ("mesh", "Pkg.Props.Cube", 2)
@@ -318,7 +318,7 @@ class TestMeshes:
         assert len(boxes.objects[0].parts) == 1
 
     def test_kactors_move(self, tmp_path: Path) -> None:
-        """A KActor can be pushed (item 29); the new world has it as a body."""
+        """A KActor can be pushed (worlds 29); the new world has it as a body."""
         text = level(room(), mesh_actor("KActor"), start("S", (0, 0, 60)))
         world = import_text(tmp_path, text, assets=(self.library(tmp_path),))
         assert world.scene.objects[0].movable

@@ -44,7 +44,7 @@ class TestGrammar:
     """Blocks and values."""
 
     def test_spelling_does_not_matter(self, tmp_path: Path) -> None:
-        """Line ends, capitals and a missing final newline change nothing (item 13)."""
+        """Line ends, capitals and a missing final newline change nothing (worlds 13)."""
         text = level(room(), start("S", (10, 20, 60), "Door", 8192))
         plain = read(tmp_path, text)
         variants = [
@@ -112,7 +112,7 @@ class TestErrors:
     """Bad files."""
 
     def test_a_file_cut_in_the_middle(self, tmp_path: Path) -> None:
-        """Wherever a level is cut off, the error names file and line (item 73)."""
+        """Wherever a level is cut off, the error names file and line (worlds 73)."""
         text = level(room(), start("S", (0, 0, 60)))
         lines = text.splitlines()
         for count in range(1, len(lines) - 1):

@@ -25,14 +25,14 @@ from usarsim_server.simulation.frames import wire_from_pose
 
 
 def test_a_room(tmp_path: Path) -> None:
-    """A single subtract brush is a closed room of the true size (item 19)."""
+    """A single subtract brush is a closed room of the true size (worlds 19)."""
     world = world_of(tmp_path, room())
     assert world.rays((0, 0, 1.0)) == pytest.approx([2, 2, 2, 2, 2, 1])
     assert world.solid_rays((0, 0, 1.0)) == pytest.approx([2, 2, 2, 2, 2, 1])
 
 
 def test_order_is_that_of_the_level(tmp_path: Path) -> None:
-    """Brushes act in the order of the level's list of actors, not of the table (item 20)."""
+    """Brushes act in the order of the level's list of actors, not of the table (worlds 20)."""
     for order in (1, -1):
         made = Map()
         made.box("Floor", (-500, -500, -50), (500, 500, 0))
@@ -51,7 +51,7 @@ def test_order_is_that_of_the_level(tmp_path: Path) -> None:
 
 
 def test_builder_brush_and_volumes(tmp_path: Path, findings: Findings) -> None:
-    """A brush without operation is a tool, a volume is for logic: no geometry (items 17, 18)."""
+    """A brush without operation is a tool, a volume is for logic: no geometry (worlds 17, 18)."""
     made = room()
     made.brush("Builder", cuboid((-100, -100, 0), (100, 100, 100)), "")
     made.brush("Volume", cuboid((-99, -99, 0), (99, 99, 99)), "CSG_Active", kind="TriggerVolume")
@@ -62,7 +62,8 @@ def test_builder_brush_and_volumes(tmp_path: Path, findings: Findings) -> None:
 
 
 def test_transformed_brush_looks_outwards(tmp_path: Path) -> None:
-    """Pivot, scale, mirror and turn act as the formula says; faces look outwards (10, 11, 12)."""
+    """Pivot, scale, mirror and turn act as the formula says; faces look outwards (worlds 10, 11,
+    12)."""
     made = Map()
     made.brush(
         "Box",
@@ -119,7 +120,7 @@ def test_texture_coordinates(tmp_path: Path) -> None:
 
 
 def test_same_as_text(tmp_path: Path) -> None:
-    """A map as binary package and as T3D gives the same brushes and starts (item 9)."""
+    """A map as binary package and as T3D gives the same brushes and starts (worlds 9)."""
     made = Map()
     made.box("Floor", (-1000, -1000, -50), (1000, 1000, 0))
     made.box("Long", (0, 0, 0), (750, 100, 250))
@@ -180,7 +181,8 @@ def test_tree(tmp_path: Path) -> None:
 
 
 def test_starts(tmp_path: Path) -> None:
-    """Called by tag, or by name if the tag is the default; poses exact, yaw unwrapped (25, 8)."""
+    """Called by tag, or by name if the tag is the default; poses exact, yaw unwrapped (worlds 25,
+    8)."""
     made = room()
     made.start("PlayerStart_1", (250, 500, 250), "RobotStart1", yaw=81920)
     starts = scene_of(tmp_path, made).starts
@@ -193,7 +195,7 @@ def test_starts(tmp_path: Path) -> None:
 
 
 def test_nodes_and_victims(tmp_path: Path) -> None:
-    """Path nodes by the same rule; those tagged as victims are people (26, 28)."""
+    """Path nodes by the same rule; those tagged as victims are people (worlds 26, 28)."""
     made = room()
     made.actor(
         "PathNode", "PathNode_3", [("Location", vector(0, 250, 0)), ("Tag", Name("PathNode"))]
@@ -211,7 +213,8 @@ def test_nodes_and_victims(tmp_path: Path) -> None:
 
 
 def test_lights_and_air(tmp_path: Path) -> None:
-    """Radius, brightness, colour and cone come from the component; fog and smoke are kept (76)."""
+    """Radius, brightness, colour and cone come from the component; fog and smoke are kept
+    (worlds 76)."""
     made = room()
     for kind in ("PointLight", "SpotLight", "DominantDirectionalLight", "SkyLight"):
         lamp = made.actor(kind, f"{kind}_0", [("Location", vector(0, 0, 500))])
@@ -251,7 +254,7 @@ with_soccer = pytest.mark.skipif(
 
 @with_soccer
 def test_soccer_map(tmp_path: Path, findings: Findings) -> None:
-    """The league's soccer map: actors, one untagged start 0.58 m above the floor (reference 3)."""
+    """The league's soccer map: actors, one untagged start 0.58 m above the floor (worlds 3)."""
     world = build_world(tmp_path, read_scene(SOCCER, Context(findings=findings)), findings)
     assert findings.classes["StaticMeshActor"] == 19
     assert [brush.name for brush in world.scene.brushes] == ["Brush_4", "Brush0", "Brush9"]
@@ -270,7 +273,7 @@ def test_soccer_map(tmp_path: Path, findings: Findings) -> None:
 
 @with_soccer
 def test_soccer_map_is_as_the_editor_built_it() -> None:
-    """Cells of the brushes and the stored tree agree at all of 20 000 points (reference 1.2)."""
+    """Cells of the brushes and the stored tree agree at all of 20 000 points (worlds reference 1 no. 2)."""
     package = load_package(SOCCER)
     level = level_of(package)
     built = read_built_level(package, level)

@@ -122,7 +122,7 @@ def test_hulls(tmp_path: Path) -> None:
 
 
 def test_hulls_are_felt_and_faces_are_seen(tmp_path: Path) -> None:
-    """Rays meet the triangles, contacts the hull (items 35, 56, 57)."""
+    """Rays meet the triangles, contacts the hull (worlds 35, 56, 57)."""
     made = room()
     body = [
         (
@@ -140,7 +140,7 @@ def test_hulls_are_felt_and_faces_are_seen(tmp_path: Path) -> None:
 
 
 def test_movable_and_not_solid(tmp_path: Path) -> None:
-    """A KActor can be pushed; what does not collide in the map does not here (item 29)."""
+    """A KActor can be pushed; what does not collide in the map does not here (worlds 29)."""
     made = room()
     mesh = static_mesh(made, "Box", box_triangles((0, 0, 0), (50, 50, 50)))
     made.placed("KActor", "Ball_0", Ref(mesh), [("Tag", Name("Ball"))])
@@ -157,7 +157,8 @@ def test_movable_and_not_solid(tmp_path: Path) -> None:
 
 
 def test_missing_meshes(tmp_path: Path, findings: Findings) -> None:
-    """Meshes in packages that are not there are listed with their number; the rest loads (70)."""
+    """Meshes in packages that are not there are listed with their number; the rest loads
+    (worlds 70)."""
     made = room()
     for number in range(3):
         made.placed("StaticMeshActor", f"Table_{number}", TABLE)
@@ -250,7 +251,7 @@ def test_sublevels(tmp_path: Path) -> None:
 
 
 def test_scale_and_mirror(tmp_path: Path) -> None:
-    """The user's scale replaces 250; a mirrored map is reflected (item 74)."""
+    """The user's scale replaces 250; a mirrored map is reflected (worlds 74)."""
     made = room()
     made.start("PlayerStart_1", (250, 500, 100), "Side", yaw=8192)
     scene = scene_of(tmp_path, made, scale=125.0, mirror=True)
@@ -260,7 +261,8 @@ def test_scale_and_mirror(tmp_path: Path) -> None:
 
 
 def test_compressed_map(tmp_path: Path) -> None:
-    """A map that was saved compressed is the same world; a second import remembers (67, 75)."""
+    """A map that was saved compressed is the same world; a second import remembers (worlds 67,
+    75)."""
     plain, packed = tmp_path / "plain.udk", tmp_path / "packed.udk"
     plain.write_bytes(room().content())
     packed.write_bytes(room().content(2, lzo_pack))

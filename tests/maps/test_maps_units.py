@@ -50,7 +50,7 @@ URU = st.integers(-200_000, 200_000)
 
 
 def unreal_axes(pitch: float, yaw: float, roll: float) -> np.ndarray:
-    """Forward, right and up of an actor as columns, in Unreal's own frame (reference 2.1)."""
+    """Forward, right and up of an actor as columns, in Unreal's own frame (worlds 2.1)."""
     (cp, sp), (cy, sy), (cr, sr) = (
         (math.cos(a * ROTATION_UNIT), math.sin(a * ROTATION_UNIT)) for a in (pitch, yaw, roll)
     )
@@ -61,7 +61,7 @@ def unreal_axes(pitch: float, yaw: float, roll: float) -> np.ndarray:
 
 
 def test_a_point_in_all_frames() -> None:
-    """(250, 500, 750) UU is (1, -2, 3) in the simulation and (1, 2, -3) on the wire (item 1)."""
+    """(250, 500, 750) UU is (1, -2, 3) in the simulation and (1, 2, -3) on the wire (worlds 1)."""
     assert unreal_points((250.0, 500.0, 750.0)).tolist() == [1.0, -2.0, 3.0]
     assert flip_point((1.0, -2.0, 3.0)) == (1.0, 2.0, -3.0)
 
@@ -69,8 +69,8 @@ def test_a_point_in_all_frames() -> None:
 @pytest.mark.parametrize(
     ("rotator", "ours", "wire"),
     [
-        ((0, 16384, 0), (0.0, 0.0, -math.pi / 2), (0.0, 0.0, math.pi / 2)),  # item 2
-        ((-5264, 8776, 0), (0.0, 0.50468, -0.84139), (0.0, -0.50468, 0.84139)),  # item 5
+        ((0, 16384, 0), (0.0, 0.0, -math.pi / 2), (0.0, 0.0, math.pi / 2)),  # worlds 2
+        ((-5264, 8776, 0), (0.0, 0.50468, -0.84139), (0.0, -0.50468, 0.84139)),  # worlds 5
     ],
 )
 def test_angles_in_both_frames(
@@ -83,21 +83,21 @@ def test_angles_in_both_frames(
 
 
 def test_pitch_and_roll() -> None:
-    """Pitch 8192 lifts the forward axis to z = 0.7071, roll 8192 the left axis (items 3, 4)."""
+    """Pitch 8192 lifts the forward axis to z = 0.7071, roll 8192 the left axis (worlds 3, 4)."""
     assert unreal_rotation(8192, 0, 0)[2, 0] == pytest.approx(math.sqrt(0.5))
     assert unreal_rotation(0, 0, 8192)[2, 1] == pytest.approx(math.sqrt(0.5))
 
 
 @given(URU, URU, URU)
 def test_rotations_agree_with_the_axes(pitch: int, yaw: int, roll: int) -> None:
-    """Mirroring Unreal's axes on both sides gives our rotation to rounding (item 6)."""
+    """Mirroring Unreal's axes on both sides gives our rotation to rounding (worlds 6)."""
     expected = MIRROR @ unreal_axes(pitch, yaw, roll) @ MIRROR
     np.testing.assert_allclose(unreal_rotation(pitch, yaw, roll), expected, atol=1e-12)
 
 
 @given(st.tuples(URU, URU, URU), st.tuples(URU, URU, URU))
 def test_wire_and_back(location: tuple[int, ...], rotator: tuple[int, ...]) -> None:
-    """To the wire and back gives the pose again (item 7)."""
+    """To the wire and back gives the pose again (worlds 7)."""
     pose = unreal_pose(location, rotator)
     again = pose_from_wire(*wire_from_pose(pose))
     np.testing.assert_allclose(again.matrix(), pose.matrix(), atol=1e-9)
@@ -105,7 +105,7 @@ def test_wire_and_back(location: tuple[int, ...], rotator: tuple[int, ...]) -> N
 
 
 def test_more_than_a_turn() -> None:
-    """Yaw 81920 has the heading of 16384 (item 8)."""
+    """Yaw 81920 has the heading of 16384 (worlds 8)."""
     np.testing.assert_array_equal(unreal_rotation(0, 81920, 0), unreal_rotation(0, 16384, 0))
 
 
@@ -116,14 +116,14 @@ def test_quarter_turns_are_exact() -> None:
 
 
 def test_pivot_turns_with_the_actor() -> None:
-    """PrePivot (100, 0, 0) with Yaw 16384 moves the origin as T R S T(-pivot) says (item 11)."""
+    """PrePivot (100, 0, 0) with Yaw 16384 moves the origin as T R S T(-pivot) says (worlds 11)."""
     matrix = unreal_matrix((0, 0, 0), (0, 16384, 0), pivot=(100, 0, 0))
     # In Unreal: forward becomes +Y, so -pivot goes to Y = -100, and y is mirrored.
     np.testing.assert_allclose(matrix[:3, 3], (0.0, 0.4, 0.0), atol=1e-12)
 
 
 def test_scales_multiply() -> None:
-    """DrawScale 2 with DrawScale3D (1, 2, 0.5) makes a unit cube 2 x 4 x 1 (item 12)."""
+    """DrawScale 2 with DrawScale3D (1, 2, 0.5) makes a unit cube 2 x 4 x 1 (worlds 12)."""
     scale = (2.0 * np.array([1.0, 2.0, 0.5])).tolist()
     matrix = unreal_matrix(scale3d=scale)
     np.testing.assert_allclose(np.diag(matrix)[:3], (2.0, 4.0, 1.0))
@@ -141,7 +141,7 @@ def test_scales_of_old_brushes() -> None:
     ("up", "point"), [("Z", (1, 2, 3)), ("Y", (1, -3, 2)), ("X", (-2, -3, 1)), ("y", (1, -3, 2))]
 )
 def test_up_axes(up: str, point: tuple[float, ...]) -> None:
-    """Whatever axis of a file points up, it ends as z, by a proper rotation (reference 2.4)."""
+    """Whatever axis of a file points up, it ends as z, by a proper rotation (worlds 2.4)."""
     matrix = axis_matrix(up)
     np.testing.assert_allclose(matrix @ [1.0, 2.0, 3.0], point)
     assert np.linalg.det(matrix) == pytest.approx(1.0)
@@ -183,7 +183,7 @@ def heights(world: World, mirrored: bool) -> np.ndarray:
 
 
 def test_a_level_is_mirrored(tmp_path: Path) -> None:
-    """With `mirror` the map is its mirror image, for rays and for contacts (item 74)."""
+    """With `mirror` the map is its mirror image, for rays and for contacts (worlds 74)."""
     plain = import_text(tmp_path, corner())
     other = import_text(tmp_path, corner(), mirror=True)
     np.testing.assert_allclose(heights(other, True), heights(plain, False), atol=1e-5)

@@ -238,7 +238,7 @@ def test_bombs_are_refused() -> None:
         inflate_part(Archive(bytes(liar)), ZLIB, 1 << 20)
 
 
-# ---- what is refused (item 72) -------------------------------------------------------------
+# ---- what is refused (worlds 72) -------------------------------------------------------------
 
 
 def told(folder: Path, content: bytes) -> str:
@@ -264,14 +264,14 @@ def with_version(version: int) -> bytes:
     ],
 )
 def test_other_versions(tmp_path: Path, version: int, reason: str, cure: str) -> None:
-    """Files of other generations are refused; the error says which and what helps (item 72)."""
+    """Files of other generations are refused; the error says which and what helps (worlds 72)."""
     text = told(tmp_path, with_version(version))
     assert reason in text
     assert cure in text
 
 
 def test_wrong_tag(tmp_path: Path) -> None:
-    """Other files, and those of consoles, are told apart (item 72)."""
+    """Other files, and those of consoles, are told apart (worlds 72)."""
     content = small().content()
     assert "no Unreal package" in told(tmp_path, b"PK\x03\x04" + content[4:])
     assert "console" in told(tmp_path, struct.pack(">I", TAG) + content[4:])
@@ -279,18 +279,18 @@ def test_wrong_tag(tmp_path: Path) -> None:
 
 
 def test_cooked(tmp_path: Path) -> None:
-    """A cooked package is refused by its flag (item 72)."""
+    """A cooked package is refused by its flag (worlds 72)."""
     made = Map(flags=0x2000D)
     assert "cooked" in told(tmp_path, made.content())
 
 
 def test_unknown_compression(tmp_path: Path) -> None:
-    """LZX, the method of a console, is named (item 72)."""
+    """LZX, the method of a console, is named (worlds 72)."""
     assert "LZX" in told(tmp_path, small().content(4, zlib_pack))
 
 
 def test_truncated(tmp_path: Path) -> None:
-    """Cut anywhere, a package is refused in one line that names the byte (item 72)."""
+    """Cut anywhere, a package is refused in one line that names the byte (worlds 72)."""
     content = small().content()
     for end in range(0, len(content), 37):
         text = told(tmp_path, content[:end])
@@ -330,7 +330,7 @@ RICH = rich()
 @given(st.data())
 @settings(FUZZ, max_examples=150)
 def test_flipped_bytes(tmp_path: Path, data: st.DataObject) -> None:
-    """A package with some bytes changed is read, or refused in one line (item 72)."""
+    """A package with some bytes changed is read, or refused in one line (worlds 72)."""
     content = bytearray(RICH)
     for _ in range(data.draw(st.integers(1, 4))):
         place = data.draw(st.integers(0, len(content) - 1))
@@ -339,7 +339,7 @@ def test_flipped_bytes(tmp_path: Path, data: st.DataObject) -> None:
 
 
 def test_words_out_of_range(tmp_path: Path) -> None:
-    """Large and negative numbers in any place are noticed (item 72)."""
+    """Large and negative numbers in any place are noticed (worlds 72)."""
     chosen = random.Random(5)
     for _ in range(300):
         content = bytearray(RICH)
@@ -361,7 +361,8 @@ def test_objects_in_each_other(tmp_path: Path, findings: Findings) -> None:
 
 
 def test_essential_objects(tmp_path: Path) -> None:
-    """A brush that cannot be read is an error that names it; a lamp is only left out (item 72)."""
+    """A brush that cannot be read is an error that names it; a lamp is only left out
+    (worlds 72)."""
     made = room()
     brush = next(item for item in made.objects if item.kind == "Polys")
     made.actor("PointLight", "Lamp_0", [("LightComponent", Ref(brush))])

@@ -1,4 +1,4 @@
-"""Stages of OpenUSD: units and axes, composition, instances, places (items 30 to 34, 38)."""
+"""Stages of OpenUSD: units and axes, composition, instances, places (worlds 30 to 34, 38)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, Vt  # noqa: E402
 
 @pytest.mark.parametrize("unit", [0.01, 1.0, 0.0254])
 def test_units(tmp_path: Path, unit: float) -> None:
-    """Equivalent stages in different units have the same extents in metres (item 30)."""
+    """Equivalent stages in different units have the same extents in metres (worlds 30)."""
     stage = stage_at(tmp_path / "a.usda", unit=unit)
     moved(box(stage, "/World/Box", (0, 0, 0), (1 / unit, 2 / unit, 3 / unit)), (1 / unit, 0, 0))
     scene = saved(stage)
@@ -45,7 +45,7 @@ def test_units_that_are_not_stated(tmp_path: Path) -> None:
 
 
 def test_up_axes(tmp_path: Path) -> None:
-    """The same room with Y and with Z upwards coincides (item 31)."""
+    """The same room with Y and with Z upwards coincides (worlds 31)."""
     upright = stage_at(tmp_path / "z.usda")
     moved(box(upright, "/World/Box", (0, 0, 0), (1, 2, 3)), (5, 6, 7), yaw=30.0)
     lying = stage_at(tmp_path / "y.usda", up="Y")
@@ -61,7 +61,7 @@ def test_up_axes(tmp_path: Path) -> None:
 
 
 def test_same_layout_as_text(tmp_path: Path) -> None:
-    """The asymmetric map exported as USD and as T3D looks the same from above (item 9)."""
+    """The asymmetric map exported as USD and as T3D looks the same from above (worlds 9)."""
     (tmp_path / "corner.t3d").write_text(corner())
     boxes = {
         "Floor": ((-1000, -1000, -50), (1000, 1000, 0)),
@@ -82,7 +82,8 @@ def test_same_layout_as_text(tmp_path: Path) -> None:
 
 
 def test_mirror_switch(stage: Any) -> None:
-    """A map that lost its handedness is reflected on demand; faces look outwards still (74)."""
+    """A map that lost its handedness is reflected on demand; faces look outwards still
+    (worlds 74)."""
     box(stage, "/World/Box", (0, 1, 0), (1, 2, 1))
     assert extents(saved(stage).objects[0])[0][1] == pytest.approx(1.0)
     mirrored = saved(stage, mirror=True).objects[0]
@@ -91,7 +92,7 @@ def test_mirror_switch(stage: Any) -> None:
 
 @pytest.mark.parametrize("how", ["plain", "left-handed", "mirrored", "both"])
 def test_normals(tmp_path: Path, stage: Any, how: str) -> None:
-    """Left-handed meshes and mirroring transforms keep normals outside (item 36)."""
+    """Left-handed meshes and mirroring transforms keep normals outside (worlds 36)."""
     mesh = box(stage, "/World/Box", (-1, -1, -1), (1, 1, 1))
     if how in ("left-handed", "both"):
         mesh.CreateOrientationAttr(UsdGeom.Tokens.leftHanded)
@@ -124,7 +125,7 @@ def chair(folder: Path, name: str = "chair.usda", unit: float = 1.0) -> Path:
 
 
 def test_references_payloads_and_instances(tmp_path: Path) -> None:
-    """References, nested ones, payloads and instances are there, each at its place (item 32)."""
+    """References, nested ones, payloads and instances are there, each at its place (worlds 32)."""
     chair(tmp_path)
     room = stage_at(tmp_path / "room.usda", top="Room")
     reference(room, "/Room/Inner", "chair.usda", (0, 0, 1))
@@ -151,7 +152,7 @@ def test_references_payloads_and_instances(tmp_path: Path) -> None:
 
 
 def test_point_instancers(stage: Any) -> None:
-    """Six instances of two prototypes stand where they should; hidden ones do not (item 32)."""
+    """Six instances of two prototypes stand where they should; hidden ones do not (worlds 32)."""
     instancer = UsdGeom.PointInstancer.Define(stage, "/World/Trees")
     moved(instancer, (0, 0, 10))
     box(stage, "/World/Trees/Protos/Low", (0, 0, 0), (1, 1, 1))
@@ -177,7 +178,7 @@ def test_point_instancers(stage: Any) -> None:
 
 
 def test_missing_payload(stage: Any, findings: Findings) -> None:
-    """A payload or reference that is not there is named; the rest loads (item 33)."""
+    """A payload or reference that is not there is named; the rest loads (worlds 33)."""
     box(stage, "/World/Here", (0, 0, 0), (1, 1, 1))
     stage.DefinePrim("/World/Gone", "Xform").GetPayloads().AddPayload("gone/heavy.usdc")
     reference(stage, "/World/Lost", "lost.usda")
@@ -198,7 +199,7 @@ def test_files_in_asset_folders(tmp_path: Path, stage: Any) -> None:
 
 
 def test_variants(tmp_path: Path, stage: Any) -> None:
-    """Of levels of detail the finest is taken, whatever is selected; others stay (item 34)."""
+    """Of levels of detail the finest is taken, whatever is selected; others stay (worlds 34)."""
     thing = UsdGeom.Xform.Define(stage, "/World/Rock").GetPrim()
     groups = {"LOD": ["LOD2", "LOD0", "LOD1"], "look": ["wet", "dry"]}
     for group, names in groups.items():
@@ -216,7 +217,7 @@ def test_variants(tmp_path: Path, stage: Any) -> None:
 
 
 def test_visibility_and_purpose(tmp_path: Path, stage: Any) -> None:
-    """Invisible prims and proxies give neither contact nor rays (item 34)."""
+    """Invisible prims and proxies give neither contact nor rays (worlds 34)."""
     box(stage, "/World/Floor", (-5, -5, -0.1), (5, 5, 0))
     hidden = UsdGeom.Xform.Define(stage, "/World/Hidden")
     hidden.CreateVisibilityAttr("invisible")
@@ -236,7 +237,7 @@ def test_visibility_and_purpose(tmp_path: Path, stage: Any) -> None:
 
 
 def test_places(tmp_path: Path) -> None:
-    """Starts, path nodes and victims are known by name, folder or attribute (item 38)."""
+    """Starts, path nodes and victims are known by name, folder or attribute (worlds 38)."""
     stage = stage_at(tmp_path / "a.usda", unit=0.01)
     box(stage, "/World/Floor", (-500, -500, -10), (500, 500, 0))
     for number, name in enumerate(("PlayerStart", "PlayerStart_3", "playerstart2")):
@@ -264,7 +265,7 @@ def test_places(tmp_path: Path) -> None:
 
 
 def test_lights(stage: Any) -> None:
-    """Lights keep kind, place, direction and colour; intensity becomes candela (item 76)."""
+    """Lights keep kind, place, direction and colour; intensity becomes candela (worlds 76)."""
     lamp = UsdLux.SphereLight.Define(stage, "/World/Lamp")
     lamp.CreateRadiusAttr(0.1)
     lamp.CreateIntensityAttr(20.0 / (np.pi * 0.01))

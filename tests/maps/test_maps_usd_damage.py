@@ -44,7 +44,7 @@ class TestDamage:
     """What the library refuses, and what it has to be kept from."""
 
     def test_syntax(self, tmp_path: Path) -> None:
-        """A syntax error is told with its line; the world that was there stays (item 73)."""
+        """A syntax error is told with its line; the world that was there stays (worlds 73)."""
         good = tmp_path / "hall.usda"
         good.write_text('#usda 1.0\n(\n metersPerUnit = 1\n)\ndef Cube "Box" {\n}\n')
         folder = import_map(Request(good, out=tmp_path / "out")).folder
@@ -100,7 +100,7 @@ class TestDamage:
         assert "0 files" in told(path)
 
     def test_flipped_bytes(self, tmp_path: Path) -> None:
-        """Text with some bytes changed is read, or refused in one line (item 73)."""
+        """Text with some bytes changed is read, or refused in one line (worlds 73)."""
         from usd_stages import box, moved, stage_at
 
         stage = stage_at(tmp_path / "a.usda")

@@ -1,4 +1,4 @@
-"""Materials, shapes and physics in stages of OpenUSD (items 35, 37, 39, 40)."""
+"""Materials, shapes and physics in stages of OpenUSD (worlds 35, 37, 39, 40)."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_colors(stage: Any) -> None:
 
 
 def test_materials_without_a_preview(stage: Any, findings: Findings) -> None:
-    """A material that only the engine can draw becomes grey, with a warning (item 39)."""
+    """A material that only the engine can draw becomes grey, with a warning (worlds 39)."""
     material = UsdShade.Material.Define(stage, "/World/Looks/M_Engine")
     material.GetPrim().CreateAttribute("unrealMaterial", Sdf.ValueTypeNames.String).Set("/Game/M")
     bind(box(stage, "/World/Box", (0, 0, 0), (1, 1, 1)), material)
@@ -105,7 +105,7 @@ def test_pictures(tmp_path: Path, stage: Any, how: str) -> None:
 
 
 def test_picture_is_seen(tmp_path: Path, stage: Any) -> None:
-    """Cameras see red at the origin's corner and green along x (item 40's unpacked half)."""
+    """Cameras see red at the origin's corner and green along x (worlds 40's unpacked half)."""
     picture(tmp_path / "mark.png")
     mesh = quad(stage, "/World/Quad", [(4 * x, 4 * y, z) for x, y, z in CORNERS])
     bind(mesh, surface(stage, "/World/Mark", picture="mark.png"))
@@ -170,7 +170,7 @@ def test_subsets(stage: Any) -> None:
 
 
 def test_missing_pictures(tmp_path: Path, stage: Any) -> None:
-    """A picture that is not there is listed; the mesh is there in its colour (item 70)."""
+    """A picture that is not there is listed; the mesh is there in its colour (worlds 70)."""
     mesh = quad(stage, "/World/Quad", [(4 * x, 4 * y, z) for x, y, z in CORNERS])
     bind(mesh, surface(stage, "/World/Mark", picture="C:/art/gone.png"))
     built = world(tmp_path, stage)
@@ -181,7 +181,7 @@ def test_missing_pictures(tmp_path: Path, stage: Any) -> None:
 
 
 def test_archives(tmp_path: Path) -> None:
-    """A USDZ archive loads with the pictures in it (item 40)."""
+    """A USDZ archive loads with the pictures in it (worlds 40)."""
     picture(tmp_path / "mark.png")
     stage = stage_at(tmp_path / "a.usdc")
     mesh = quad(stage, "/World/Quad", CORNERS)
@@ -201,7 +201,7 @@ def test_archives(tmp_path: Path) -> None:
 
 
 def test_guides(tmp_path: Path, stage: Any) -> None:
-    """Guides are not seen, and are all that is felt of their sibling (item 35)."""
+    """Guides are not seen, and are all that is felt of their sibling (worlds 35)."""
     UsdGeom.Xform.Define(stage, "/World/Floor")
     box(stage, "/World/Floor/Box", (-5, -5, -1), (5, 5, 0))
     UsdGeom.Xform.Define(stage, "/World/Table")
@@ -225,7 +225,8 @@ def test_guides(tmp_path: Path, stage: Any) -> None:
 
 
 def test_collision(tmp_path: Path, stage: Any) -> None:
-    """Collision that is switched off is not felt but seen; approximations are obeyed (37)."""
+    """Collision that is switched off is not felt but seen; approximations are obeyed
+    (worlds 37)."""
     box(stage, "/World/Floor", (-5, -5, -1), (5, 5, 0))
     ghost = box(stage, "/World/Ghost", (0, 0, 0), (1, 1, 1))
     UsdPhysics.CollisionAPI.Apply(ghost.GetPrim()).CreateCollisionEnabledAttr(False)
@@ -244,7 +245,7 @@ def test_collision(tmp_path: Path, stage: Any) -> None:
 
 
 def test_bodies(stage: Any) -> None:
-    """Rigid bodies can be pushed and have their mass; kinematic ones stand (item 29)."""
+    """Rigid bodies can be pushed and have their mass; kinematic ones stand (worlds 29)."""
     box(stage, "/World/Floor", (-5, -5, -1), (5, 5, 0))
     for name in ("Crate", "Door"):
         UsdGeom.Xform.Define(stage, f"/World/{name}")

@@ -1,4 +1,4 @@
-"""Typed requests out of command lines (protocol reference 3; checklist 6.3, 6.5 and 6.9 text)."""
+"""Typed requests out of command lines (protocol reference 3, 6.3, 6.5 and 6.9 text)."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def set_(line: str) -> Set:
 
 
 def test_questions_about_the_world() -> None:
-    """3.3: the parameterless questions, and the one that needs a location."""
+    """Protocol 3.3: the parameterless questions, and the one that needs a location."""
     assert request("GETSTARTPOSES") == GetStartPoses()
     assert request("getpathnodes") == GetPathNodes()
     assert request("GETCLOSESTPATHNODE {Location 1,2,3}") == GetClosestPathNode((1, 2, 3))
@@ -125,13 +125,13 @@ def test_questions_about_the_world() -> None:
     ],
 )
 def test_drive_families(line: str, expected: Drive) -> None:
-    """3.4: each family fills its own fields, and absent segments stay None."""
+    """Protocol 3.4: each family fills its own fields, and absent segments stay None."""
     assert request(line) == expected
 
 
 @pytest.mark.parametrize("text", [".5", "0.5", "+0.5", "5e-1", "0,5"])
 def test_drive_number_spellings(text: str) -> None:
-    """43: all spellings of a half drive alike."""
+    """Protocol 43: all spellings of a half drive alike."""
     assert drive(f"DRIVE {{Left {text}}}").left == 0.5
 
 
@@ -139,7 +139,8 @@ def test_drive_number_spellings(text: str) -> None:
     ("text", "value"), [("1.5abc", 1.5), ("abc", 0.0), ("nan", 0.0), ("inf", 0.0), ("", 0.0)]
 )
 def test_drive_with_unreadable_numbers(text: str, value: float) -> None:
-    """44, 45: trailing junk is ignored, and a member that cannot be read is 0, not absent."""
+    """Protocol 44, 45: trailing junk is ignored, and a member that cannot be read is 0, not
+    absent."""
     assert drive(f"DRIVE {{Left {text}}} {{Right 1}}") == Drive(left=value, right=1)
 
 
@@ -149,19 +150,19 @@ def test_drive_with_unreadable_numbers(text: str, value: float) -> None:
     [("true", True), ("True", True), ("TRUE", True), ("1", True), ("false", False), ("x", False)],
 )
 def test_drive_booleans(key: str, text: str, truth: bool) -> None:
-    """46: the spellings of true hold for every flag of DRIVE."""
+    """Protocol 46: the spellings of true hold for every flag of DRIVE."""
     assert getattr(drive(f"DRIVE {{{key} {text}}}"), key.lower()) is truth
 
 
 def test_drive_repeated_and_broken_segments() -> None:
-    """36, 37, 39: the first of a repeated segment counts, broken ones are skipped."""
+    """Protocol 36, 37, 39: the first of a repeated segment counts, broken ones are skipped."""
     assert request("DRIVE {Left 1} {Left 5} {Right 1}") == Drive(left=1, right=1)
     assert request("DRIVE {Left 1} {Bad} {Right 1}") == Drive(left=1, right=1)
     assert request("DRIVE {Left 1} {Right 1") == Drive(left=1)
 
 
 def test_drive_wheel_by_wheel() -> None:
-    """150: every WheelNumber opens a group, and members may be missing inside it."""
+    """Protocol 150: every WheelNumber opens a group, and members may be missing inside it."""
     found = drive(
         "DRIVE {WheelNumber 0} {WheelSpeed 1} {WheelSteer .1} {WheelNumber 1} {WheelSpeed 2} "
         "{WheelNumber 2} {WheelSteer .3} {Normalized true}"
@@ -175,14 +176,15 @@ def test_drive_wheel_by_wheel() -> None:
 
 
 def test_wheel_members_before_any_group_are_ignored() -> None:
-    """3.4.3: groups are positional, so a WheelSpeed in front of them addresses no wheel."""
+    """Protocol 3.4.3: groups are positional, so a WheelSpeed in front of them addresses no
+    wheel."""
     assert drive("DRIVE {WheelSpeed 9} {WheelNumber 3} {WheelSpeed 1}").wheels == (
         WheelTarget(3, 1),
     )
 
 
 def test_stop_of_a_client_that_sends_all_families_at_once() -> None:
-    """5.1.2: one DRIVE may carry the segments of all vehicle kinds."""
+    """Protocol 5.1.2: one DRIVE may carry the segments of all vehicle kinds."""
     found = drive(
         "DRIVE {Left 0.00} {Right 0.00} {Speed 0.00} {FrontSteer 0.00} {RearSteer 0.00} "
         "{AltitudeVelocity 0.00} {LinearVelocity 0.00} {LateralVelocity 0.00} "
@@ -195,7 +197,8 @@ def test_stop_of_a_client_that_sends_all_families_at_once() -> None:
 
 
 def test_multi_drive() -> None:
-    """154: joints are named without regard to case, and the first of a repeated name counts."""
+    """Protocol 154: joints are named without regard to case, and the first of a repeated name
+    counts."""
     assert request("MultiDrive {FRFlipper 0.5} {FLflipper -0,5} {frflipper 9}") == MultiDrive(
         {"frflipper": 0.5, "flflipper": -0.5}
     )
@@ -243,13 +246,14 @@ def test_multi_drive() -> None:
     ],
 )
 def test_set(line: str, expected: tuple[str, str | None, str | None, str]) -> None:
-    """109, 166 and 3.7: type, name, upper case opcode and parameter, irregular forms included."""
+    """Protocol 109, 166 and 3.7: type, name, upper case opcode and parameter, irregular forms
+    included."""
     found = set_(line)
     assert (found.type, found.name, found.opcode, found.params) == expected
 
 
 def test_set_keeps_the_segments_of_special_types() -> None:
-    """3.7: Viewports and the spectator Camera have segments of their own."""
+    """Protocol 3.7: Viewports and the spectator Camera have segments of their own."""
     found = set_("SET {Type Viewports} {Config QuadView} {Viewport1 Camera1} {Viewport2 Disabled}")
     assert found.get("viewport1") == "Camera1"
     assert found.get("Config") == "QuadView"
@@ -263,7 +267,7 @@ def test_set_keeps_the_segments_of_special_types() -> None:
 
 
 def test_get_conf_and_get_geo() -> None:
-    """3.8: type as sent, name only if it is there and not empty."""
+    """Protocol 3.8: type as sent, name only if it is there and not empty."""
     assert request("GETCONF {Type rangescanner} {Name lms200}") == GetConf("rangescanner", "lms200")
     assert request("GETGEO {Type Robot}") == GetGeo("Robot", None)
     assert request("GETGEO {Type Sonar} {Name }") == GetGeo("Sonar", None)
@@ -283,14 +287,14 @@ def test_get_conf_and_get_geo() -> None:
     ],
 )
 def test_mission_package_forms(line: str) -> None:
-    """157: with and without Order, in any case; a group starts at Link."""
+    """Protocol 157: with and without Order, in any case; a group starts at Link."""
     assert request(line) == MisPkg(
         name="CameraPanTilt", groups=(LinkTarget(1, 0.5, 0), LinkTarget(2, -0.1, 0))
     )
 
 
 def test_mission_package_orders_and_gripper() -> None:
-    """3.9: orders 1 and 2, Gripper and Seq or Sequence are kept."""
+    """Protocol 3.9: orders 1 and 2, Gripper and Seq or Sequence are kept."""
     assert request("MISPKG {Name a} {Link 1} {Value 2} {Order 1} {Gripper 1} {Seq 4}") == MisPkg(
         name="a", groups=(LinkTarget(1, 2, 1),), gripper=1, seq=4
     )
@@ -300,14 +304,14 @@ def test_mission_package_orders_and_gripper() -> None:
 
 
 def test_early_pan_tilt_form() -> None:
-    """3.6: Rotation's third number pans link 1, its second tilts link 2."""
+    """Protocol 3.6: Rotation's third number pans link 1, its second tilts link 2."""
     assert request("MISPKG {Name Cam} {Rotation 0,-0.2,0.6} {Order 1}") == MisPkg(
         name="Cam", groups=(LinkTarget(1, 0.6, 1), LinkTarget(2, -0.2, 1))
     )
 
 
 def test_act_links_are_never_renumbered() -> None:
-    """158 and 5.2 no. 5: ACT counts from 0, and the number is passed on as sent."""
+    """Protocol 158 and 5.2 no. 5: ACT counts from 0, and the number is passed on as sent."""
     assert request("ACT {Name ArmA} {Link 0} {Value 0.5} {Link 3} {Value -1} {Gripper 1}") == Act(
         name="ArmA", groups=(LinkTarget(0, 0.5), LinkTarget(3, -1)), gripper=1
     )
@@ -315,7 +319,7 @@ def test_act_links_are_never_renumbered() -> None:
 
 @pytest.mark.parametrize("word", ["ACT", "MISPKG"])
 def test_a_link_without_value_disturbs_no_other(word: str) -> None:
-    """159: an incomplete group is dropped, the other groups of the command stay."""
+    """Protocol 159: an incomplete group is dropped, the other groups of the command stay."""
     found = request(f"{word} {{Name a}} {{Value 7}} {{Link 1}} {{Link 2}} {{Value 3}}")
     assert isinstance(found, Act | MisPkg)
     assert found.groups == (LinkTarget(2, 3),)
@@ -345,12 +349,12 @@ def test_a_link_without_value_disturbs_no_other(word: str) -> None:
     ],
 )
 def test_avatar_commands(line: str, expected: Request) -> None:
-    """3.13: MOVE takes two numbers, in the order x, y."""
+    """Protocol 3.13: MOVE takes two numbers, in the order x, y."""
     assert request(line) == expected
 
 
 def test_control() -> None:
-    """3.14: type and all segments, whose meaning depends on the type."""
+    """Protocol 3.14: type and all segments, whose meaning depends on the type."""
     found = request("CONTROL {Type KillAll} {MinPos -1, -1, -1} {MaxPos 1, 1, 1}")
     assert isinstance(found, Control)
     assert found.type == "KillAll"
@@ -363,7 +367,8 @@ def test_control() -> None:
 
 @pytest.mark.parametrize("word", sorted(IGNORED_WORDS))
 def test_accepted_and_ignored_words(word: str) -> None:
-    """3.12, 3.15: these are known, whatever their case and segments, and have no effect."""
+    """Protocol 3.12, 3.15: these are known, whatever their case and segments, and have no
+    effect."""
     assert request(f"{word.lower()} {{On true}} {{Color Red}}") == Ignored(word)
 
 
@@ -371,7 +376,7 @@ def test_accepted_and_ignored_words(word: str) -> None:
     "line", ["FOO", "FOO {A 1}", "DRIVER {Left 1}", "MISPGK {Link 1}", "{A 1}"]
 )
 def test_unknown_words(line: str) -> None:
-    """41: everything else is unknown, never an error."""
+    """Protocol 41: everything else is unknown, never an error."""
     assert isinstance(request(line), Unknown)
 
 

@@ -1,5 +1,5 @@
 """INIT, and the choice and facets of dialects, which begins with it (protocol reference 3.2, 5.2,
-5.3, addendum; checklist 6.3, 6.11).
+5.3, addendum; protocol 6.3, 6.11).
 """
 
 from __future__ import annotations
@@ -74,19 +74,19 @@ def init(line: str) -> Init:
 
 
 def test_before_anything_a_connection_speaks_ut2004() -> None:
-    """5.3: `auto` begins as `ut2004`."""
+    """Protocol 5.3: `auto` begins as `ut2004`."""
     assert DialectSelector().current is UT2004
     assert DialectSelector(DialectMode.AUTO).current is UT2004
 
 
 def test_ports_are_configured_by_these_words() -> None:
-    """5.3: the three values are written auto, ut2004 and udk in settings."""
+    """Protocol 5.3: the three values are written auto, ut2004 and udk in settings."""
     assert [DialectMode(word) for word in ("auto", "ut2004", "udk")] == list(DialectMode)
 
 
 @pytest.mark.parametrize("line", SIGNALS)
 def test_each_signal_switches_to_udk(line: str) -> None:
-    """173, 175, 176: every habit of a UDK client switches."""
+    """Protocol 173, 175, 176: every habit of a UDK client switches."""
     selector = DialectSelector()
     selector.observe(request(line))
     assert selector.current is UDK
@@ -94,7 +94,7 @@ def test_each_signal_switches_to_udk(line: str) -> None:
 
 @pytest.mark.parametrize("line", NO_SIGNALS)
 def test_nothing_else_switches(line: str) -> None:
-    """174: commands of UT2004 clients leave the dialect alone."""
+    """Protocol 174: commands of UT2004 clients leave the dialect alone."""
     selector = DialectSelector()
     selector.observe(request(line))
     assert selector.current is UT2004
@@ -102,21 +102,21 @@ def test_nothing_else_switches(line: str) -> None:
 
 @pytest.mark.parametrize("class_default", list(Dialect))
 def test_the_class_decides_the_default(class_default: Dialect) -> None:
-    """174 and addendum: under `auto` the era of the robot class is the default."""
+    """Protocol 174 and addendum: under `auto` the era of the robot class is the default."""
     selector = DialectSelector()
     selector.initialised(class_default, init("INIT {ClassName USARBot.P3AT}"))
     assert selector.current is class_default
 
 
 def test_classname_gives_udk_from_the_first_line() -> None:
-    """173: with `Classname` even a UT2004 class speaks `udk` at once."""
+    """Protocol 173: with `Classname` even a UT2004 class speaks `udk` at once."""
     selector = DialectSelector()
     selector.initialised(UT2004, init("INIT {Classname USARBot.P2AT}"))
     assert selector.current is UDK
 
 
 def test_a_signal_before_init_outlives_a_ut2004_class() -> None:
-    """5.3: the change is made once and for good."""
+    """Protocol 5.3: the change is made once and for good."""
     selector = DialectSelector()
     selector.observe(GetConf("Actuator"))
     selector.initialised(UT2004, init("INIT {ClassName USARBot.P2AT}"))
@@ -124,7 +124,7 @@ def test_a_signal_before_init_outlives_a_ut2004_class() -> None:
 
 
 def test_a_signal_after_init_switches() -> None:
-    """175: `GETCONF {Type Actuator}` directly after INIT switches."""
+    """Protocol 175: `GETCONF {Type Actuator}` directly after INIT switches."""
     selector = DialectSelector()
     selector.initialised(UT2004, init("INIT {ClassName USARBot.P2AT}"))
     assert selector.current is UT2004
@@ -133,7 +133,7 @@ def test_a_signal_after_init_switches() -> None:
 
 
 def test_nothing_leads_back() -> None:
-    """5.3: no request switches from `udk` to `ut2004` except a forced dialect."""
+    """Protocol 5.3: no request switches from `udk` to `ut2004` except a forced dialect."""
     selector = DialectSelector()
     selector.observe(GetGeo("ObjectSensor"))
     for line in NO_SIGNALS:
@@ -145,7 +145,7 @@ def test_nothing_leads_back() -> None:
 @pytest.mark.parametrize("class_default", list(Dialect))
 @pytest.mark.parametrize("line", SIGNALS)
 def test_a_forced_dialect_stays(forced: Dialect, class_default: Dialect, line: str) -> None:
-    """176: `{Dialect x}` wins over class and spelling and disables automatic change."""
+    """Protocol 176: `{Dialect x}` wins over class and spelling and disables automatic change."""
     selector = DialectSelector()
     selector.initialised(
         class_default, init(f"INIT {{Classname USARBot.KR60}} {{Dialect {forced.value}}}")
@@ -156,7 +156,7 @@ def test_a_forced_dialect_stays(forced: Dialect, class_default: Dialect, line: s
 
 
 def test_a_forced_dialect_wins_over_an_earlier_signal() -> None:
-    """176: whoever states a dialect gets it, whatever was seen before."""
+    """Protocol 176: whoever states a dialect gets it, whatever was seen before."""
     selector = DialectSelector()
     selector.observe(GetConf("Actuator"))
     selector.initialised(UDK, init("INIT {ClassName P3AT} {Dialect ut2004}"))
@@ -166,7 +166,7 @@ def test_a_forced_dialect_wins_over_an_earlier_signal() -> None:
 @pytest.mark.parametrize("mode", [DialectMode.UT2004, DialectMode.UDK])
 @pytest.mark.parametrize("class_default", list(Dialect))
 def test_a_fixed_port_never_changes(mode: DialectMode, class_default: Dialect) -> None:
-    """177: neither class, nor signal, nor `{Dialect x}` changes a fixed port."""
+    """Protocol 177: neither class, nor signal, nor `{Dialect x}` changes a fixed port."""
     selector = DialectSelector(mode)
     expected = Dialect(mode.value)
     assert selector.current is expected
@@ -179,7 +179,7 @@ def test_a_fixed_port_never_changes(mode: DialectMode, class_default: Dialect) -
 
 
 def test_selectors_share_nothing() -> None:
-    """178: two connections choose for themselves."""
+    """Protocol 178: two connections choose for themselves."""
     one, other = DialectSelector(), DialectSelector()
     one.observe(GetConf("Actuator"))
     assert (one.current, other.current) == (UDK, UT2004)
@@ -197,7 +197,8 @@ def test_observing_init_twice_changes_nothing() -> None:
 
 @given(st.lists(st.sampled_from(SIGNALS + NO_SIGNALS), max_size=12), st.sampled_from(Dialect))
 def test_one_signal_anywhere_decides(lines: list[str], class_default: Dialect) -> None:
-    """5.3 and addendum: in any order of requests, `udk` results from a signal or from the class."""
+    """Protocol 5.3 and addendum: in any order of requests, `udk` results from a signal or from the
+    class."""
     selector = DialectSelector()
     for line in lines:
         selector.observe(request(line))
@@ -207,14 +208,15 @@ def test_one_signal_anywhere_decides(lines: list[str], class_default: Dialect) -
 
 
 def test_udk_only_classes_are_lower_case() -> None:
-    """5.3 signal 4: the seventeen classes, spelled for comparison without case; P3AT is none."""
+    """Protocol 5.3 signal 4: the seventeen classes, spelled for comparison without case; P3AT is
+    none."""
     assert len(UDK_ONLY_CLASSES) == 17
     assert all(name == name.lower() for name in UDK_ONLY_CLASSES)
     assert "p3at" not in UDK_ONLY_CLASSES
 
 
 def test_facets_of_the_table() -> None:
-    """5.3: the rows of the dialect table, left column and right column."""
+    """Protocol 5.3: the rows of the dialect table, left column and right column."""
     assert (sends_results(UT2004), sends_results(UDK)) == (True, False)
     rows = {
         field.name: (getattr(FACETS[UT2004], field.name), getattr(FACETS[UDK], field.name))
@@ -238,7 +240,7 @@ def test_facets_of_the_table() -> None:
 
 
 def test_rotational_velocity_units() -> None:
-    """152: 90 in `udk` and 1.5708 in `ut2004` are the same quarter turn per second."""
+    """Protocol 152: 90 in `udk` and 1.5708 in `ut2004` are the same quarter turn per second."""
     quarter = math.pi / 2
     assert 90 * FACETS[UDK].rotational_velocity_unit == pytest.approx(quarter)
     assert quarter * FACETS[UT2004].rotational_velocity_unit == pytest.approx(quarter)
@@ -249,7 +251,7 @@ def test_rotational_velocity_units() -> None:
     [(UT2004, 181, 4), (UT2004, 240, 4), (UT2004, 241, 2), (UT2004, 1081, 2), (UDK, 5, 2)],
 )
 def test_range_digits(dialect: Dialect, beams: int, digits: int) -> None:
-    """106 and 5.2 no. 14: four digits only in `ut2004` and only up to 240 beams."""
+    """Protocol 106 and 5.2 no. 14: four digits only in `ut2004` and only up to 240 beams."""
     assert range_digits(dialect, beams) == digits
 
 
@@ -303,7 +305,7 @@ def test_dialects_differ_in_one_place() -> None:
 def test_init_examples(
     line: str, expected: tuple[str, str | None, Vector | None, Vector | None, str | None]
 ) -> None:
-    """3.2: all documented forms of INIT give class, name, location, rotation and start."""
+    """Protocol 3.2: all documented forms of INIT give class, name, location, rotation and start."""
     found = init(line)
     assert (found.class_name, found.name, found.location, found.rotation, found.start) == expected
 
@@ -321,7 +323,7 @@ def test_init_examples(
     ],
 )
 def test_init_class_with_and_without_package(text: str, package: str, class_name: str) -> None:
-    """72: the class is what follows the last point, the package what precedes it."""
+    """Protocol 72: the class is what follows the last point, the package what precedes it."""
     found = init(f"INIT {{ClassName {text}}}")
     assert (found.package, found.class_name) == (package, class_name)
 
@@ -331,21 +333,21 @@ def test_init_class_with_and_without_package(text: str, package: str, class_name
     [("ClassName", False), ("Classname", True), ("classname", False), ("CLASSNAME", False)],
 )
 def test_init_notices_the_spelling_of_the_ros_family(key: str, exact: bool) -> None:
-    """73, 173: every case of ClassName is accepted and only `Classname` is told apart."""
+    """Protocol 73, 173: every case of ClassName is accepted and only `Classname` is told apart."""
     found = init(f"INIT {{{key} USARBot.P3AT}}")
     assert found.class_name == "P3AT"
     assert found.spelled_classname_exactly is exact
 
 
 def test_init_without_anything() -> None:
-    """74, 75: name, place and class may be missing; missing and empty are the same."""
+    """Protocol 74, 75: name, place and class may be missing; missing and empty are the same."""
     assert init("INIT") == Init(class_name="")
     found = init("INIT {ClassName P2AT} {Name} {Location} {Rotation } {Start} {Skin}")
     assert (found.name, found.location, found.rotation, found.start, found.skin) == (None,) * 5
 
 
 def test_init_extras() -> None:
-    """78: Battery, Team, Skin are read, unknown segments are kept and harmless."""
+    """Protocol 78: Battery, Team, Skin are read, unknown segments are kept and harmless."""
     found = init("INIT {ClassName P2AT} {Battery 600} {Team 2} {Skin red.blue} {Foo bar}")
     assert (found.battery, found.team, found.skin) == (600.0, 2, "red.blue")
     assert found.segments[-1] == ("Foo", "bar")
@@ -363,7 +365,7 @@ def test_init_extras() -> None:
     ],
 )
 def test_init_dialect(value: str, dialect: Dialect | None) -> None:
-    """176: `{Dialect x}` is read in any case; anything else forces nothing."""
+    """Protocol 176: `{Dialect x}` is read in any case; anything else forces nothing."""
     assert init(f"INIT {{ClassName P2AT}} {{Dialect {value}}}").dialect is dialect
 
 
@@ -382,12 +384,12 @@ def test_init_dialect(value: str, dialect: Dialect | None) -> None:
     ],
 )
 def test_init_locations(text: str, location: Vector) -> None:
-    """47 to 51 and addendum: every spelling of a location spawns at the same place."""
+    """Protocol 47 to 51 and addendum: every spelling of a location spawns at the same place."""
     assert init(f"INIT {{ClassName P2AT}} {{Location {text}}}").location == location
 
 
 def test_init_with_foreign_name() -> None:
-    """52: non-ASCII bytes in a name leave the later segments readable."""
+    """Protocol 52: non-ASCII bytes in a name leave the later segments readable."""
     found = request("INIT {ClassName P2AT} {Name Žluť} {Location 1,2,3}".encode())
     assert isinstance(found, Init)
     assert found.location == (1, 2, 3)

@@ -52,7 +52,8 @@ def in_chunks(data: bytes, cuts: list[int]) -> list[bytes]:
 
 @given(STREAMS, CUTS, st.sampled_from([1, 5, 40, 65536]))
 def test_chunking_changes_nothing(data: bytes, cuts: list[int], max_line: int) -> None:
-    """25, 26: the same bytes in other pieces give the same commands and discard the same lines."""
+    """Protocol 25, 26: the same bytes in other pieces give the same commands and discard the same
+    lines."""
     whole, cut = LineFramer(max_line), LineFramer(max_line)
     expected = whole.feed(data)
     lines: list[bytes] = []
@@ -73,7 +74,7 @@ def test_lines_hold_no_line_ends(data: bytes) -> None:
 
 @given(STREAMS)
 def test_nothing_raises_and_everything_is_finite(data: bytes) -> None:
-    """19, 45: any bytes give requests whose numbers are finite."""
+    """Protocol 19, 45: any bytes give requests whose numbers are finite."""
     for command, request in requests_of(LineFramer().feed(data + b"\n")):
         assert re.fullmatch("[A-Z0-9_]*", command.word)
         assert all(name and not re.search(r"[{} \t]", name) for name, _ in command.segments)
@@ -89,7 +90,7 @@ def test_nothing_raises_and_everything_is_finite(data: bytes) -> None:
 
 @given(STREAMS)
 def test_garbage_does_not_harm_the_next_line(data: bytes) -> None:
-    """19: after any bytes and a line end, a valid command works."""
+    """Protocol 19: after any bytes and a line end, a valid command works."""
     framer = LineFramer()
     framer.feed(data)
     framer.feed(b"\r\n")
@@ -98,7 +99,8 @@ def test_garbage_does_not_harm_the_next_line(data: bytes) -> None:
 
 @given(st.lists(STREAMS, max_size=6), st.sampled_from(list(DialectMode)))
 def test_selectors_survive_anything(streams: list[bytes], mode: DialectMode) -> None:
-    """177: any requests leave a selector in one of the two dialects, a fixed one in its own."""
+    """Protocol 177: any requests leave a selector in one of the two dialects, a fixed one in its
+    own."""
     selector = DialectSelector(mode)
     for data in streams:
         for _, request in requests_of(LineFramer().feed(data + b"\n")):
@@ -123,7 +125,8 @@ SEGMENTS = st.lists(
 def test_written_commands_read_back(
     word: str, segments: tuple[tuple[str, str], ...], gap: str
 ) -> None:
-    """33 to 35: a command written in any spacing, junk included, reads back as it was meant."""
+    """Protocol 33 to 35: a command written in any spacing, junk included, reads back as it was
+    meant."""
     written = [f"{{{name} {value}}}" for name, value in segments]
     line = (word.lower() + " " + gap.join(written)).encode("latin-1")
     (command,) = parse_line(line)
@@ -325,7 +328,7 @@ NOT_A_NUMBER = re.compile(rb"\b(nan|inf)\b|\d[eE][+-]?\d")
 
 
 def check_line(data: bytes, form: re.Pattern[bytes] = WELL_FORMED) -> None:
-    """Assert checks 6 to 9 of one line as it goes to the socket."""
+    """Assert protocol 6 to 9 of one line as it goes to the socket."""
     assert form.fullmatch(data)
     assert not UNTIDY.search(data[:-2])
 
@@ -339,7 +342,8 @@ def test_every_kind_of_line_is_fuzzed() -> None:
 
 @pytest.mark.parametrize("kind", LINES)
 def test_every_line_is_well_formed(kind: str) -> None:
-    """6 to 9: whatever numbers, names and texts go in, what comes out can be cut by any client."""
+    """Protocol 6 to 9: whatever numbers, names and texts go in, what comes out can be cut by any
+    client."""
 
     @settings(max_examples=25)
     @given(LINES[kind])
@@ -363,7 +367,7 @@ def numbers_only(function: Callable[..., str], *arguments: st.SearchStrategy[obj
 
 
 def test_no_number_breaks_a_line() -> None:
-    """53, 54: any floats, nan and infinities included, print as plain decimals."""
+    """Protocol 53, 54: any floats, nan and infinities included, print as plain decimals."""
     name = st.just("X")
     numbers_only(m.ground_geometry, name, TRIPLE, TRIPLE, ANY, ANY, ANY)
     numbers_only(m.ground_configuration, DIALECT, name, name, ANY, ANY, ANY, ANY, ANY)

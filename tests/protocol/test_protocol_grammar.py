@@ -1,5 +1,5 @@
 """Lines out of bytes, words and segments out of lines: terminators, chunking, limits, glued
-commands (protocol reference 1.4, 1.5, 1.7; checklist 6.2 and 6.3).
+commands (protocol reference 1.4, 1.5, 1.7, 6.2 and 6.3).
 """
 
 from __future__ import annotations
@@ -35,27 +35,28 @@ def feed_bytewise(framer: LineFramer, data: bytes) -> list[bytes]:
     ids=repr,
 )
 def test_every_terminator_ends_a_line_once(terminator: bytes) -> None:
-    """21 to 24: CR LF, LF, CR, LF CR and any run of them end a line exactly once."""
+    """Protocol 21 to 24: CR LF, LF, CR, LF CR and any run of them end a line exactly once."""
     assert LineFramer().feed(b"GETSTARTPOSES" + terminator) == [b"GETSTARTPOSES"]
 
 
 @pytest.mark.parametrize("terminator", [b"\r\n", b"\n", b"\r", b"\n\r"], ids=repr)
 def test_terminators_split_over_reads_end_a_line_once(terminator: bytes) -> None:
-    """24, 26: a two byte terminator cut in half ends the line once, and no blank line follows."""
+    """Protocol 24, 26: a two byte terminator cut in half ends the line once, and no blank line
+    follows."""
     framer = LineFramer()
     data = b"A" + terminator + b"B" + terminator
     assert feed_bytewise(framer, data) == [b"A", b"B"]
 
 
 def test_a_lone_line_feed_needs_no_further_input() -> None:
-    """22: the line is there as soon as its LF is, unlike in the original."""
+    """Protocol 22: the line is there as soon as its LF is, unlike in the original."""
     framer = LineFramer()
     assert framer.feed(b"GETSTARTPOSES") == []
     assert framer.feed(b"\n") == [b"GETSTARTPOSES"]
 
 
 def test_two_lines_in_one_read_keep_their_order() -> None:
-    """25: several commands of one packet come out in order."""
+    """Protocol 25: several commands of one packet come out in order."""
     assert LineFramer().feed(b"INIT {A 1}\r\nDRIVE {B 2}\nSET\r") == [
         b"INIT {A 1}",
         b"DRIVE {B 2}",
@@ -64,7 +65,7 @@ def test_two_lines_in_one_read_keep_their_order() -> None:
 
 
 def test_a_rest_without_terminator_is_held() -> None:
-    """27: a command without terminator does not come out until the terminator arrives."""
+    """Protocol 27: a command without terminator does not come out until the terminator arrives."""
     framer = LineFramer()
     assert framer.feed(b"DRIVE {Left 1}\r\nDRIVE {Le") == [b"DRIVE {Left 1}"]
     assert framer.pending == len(b"DRIVE {Le")
@@ -75,7 +76,7 @@ def test_a_rest_without_terminator_is_held() -> None:
 
 @pytest.mark.parametrize("terminator", [b"\r\n", b"\n", b"\r", b"\n\r"], ids=repr)
 def test_blank_lines_produce_nothing(terminator: bytes) -> None:
-    """28: twenty blank lines produce no line and are not counted as discarded."""
+    """Protocol 28: twenty blank lines produce no line and are not counted as discarded."""
     framer = LineFramer()
     assert framer.feed(terminator * 20) == []
     assert framer.discarded == 0
@@ -95,7 +96,7 @@ def test_other_control_characters_do_not_end_a_line() -> None:
 
 @pytest.mark.parametrize("bytewise", [False, True])
 def test_a_line_of_the_maximum_passes(bytewise: bool) -> None:
-    """20: a line of exactly 65536 bytes is processed, however it arrives."""
+    """Protocol 20: a line of exactly 65536 bytes is processed, however it arrives."""
     framer = LineFramer()
     line = b"x" * MAX_LINE
     lines = feed_bytewise(framer, line + b"\r\n") if bytewise else framer.feed(line + b"\r\n")
@@ -105,7 +106,7 @@ def test_a_line_of_the_maximum_passes(bytewise: bool) -> None:
 
 @pytest.mark.parametrize("bytewise", [False, True])
 def test_a_longer_line_is_discarded_to_its_end(bytewise: bool) -> None:
-    """20: one byte more and the line is thrown away, while its neighbours survive."""
+    """Protocol 20: one byte more and the line is thrown away, while its neighbours survive."""
     framer = LineFramer(max_line=10)
     data = b"before\n" + b"x" * 11 + b"\nafter\r\n"
     lines = feed_bytewise(framer, data) if bytewise else framer.feed(data)
@@ -124,7 +125,7 @@ def test_a_line_that_grows_over_the_maximum_is_counted_once() -> None:
 
 
 def test_a_mebibyte_without_terminator_is_discarded() -> None:
-    """20: 1 MiB without terminator holds nothing back and the next command works."""
+    """Protocol 20: 1 MiB without terminator holds nothing back and the next command works."""
     framer = LineFramer()
     assert framer.feed(b"z" * (1 << 20)) == []
     assert framer.pending == 0
@@ -198,7 +199,8 @@ def parsed(line: bytes) -> list[tuple[str, tuple[tuple[str, str], ...]]]:
     ids=repr,
 )
 def test_lenient_spellings_of_one_command(line: bytes) -> None:
-    """31, 33 to 35, 38: blanks, junk, stray braces and a byte order mark change nothing."""
+    """Protocol 31, 33 to 35, 38: blanks, junk, stray braces and a byte order mark change
+    nothing."""
     assert parsed(line) == [DRIVE]
 
 
@@ -221,7 +223,8 @@ def test_lenient_spellings_of_one_command(line: bytes) -> None:
 def test_malformed_lines(
     line: bytes, expected: list[tuple[str, tuple[tuple[str, str], ...]]]
 ) -> None:
-    """36, 37 and table 1.7: a broken segment is dropped, its neighbours stay visible."""
+    """Protocol 36, 37 and table 1.7: a broken segment is dropped, its neighbours stay
+    visible."""
     assert parsed(line) == expected
 
 
@@ -229,12 +232,13 @@ def test_malformed_lines(
     "line", [b"", b" ", b"\t \t", b"\xef\xbb\xbf", b"\xef\xbb\xbf  "], ids=repr
 )
 def test_lines_with_nothing_in_them(line: bytes) -> None:
-    """28: blanks are no command at all."""
+    """Protocol 28: blanks are no command at all."""
     assert parse_line(line) == []
 
 
 def test_lookup_ignores_case_and_takes_the_first() -> None:
-    """32, 39: names match in any case as whole words, and the first of a repeated name wins."""
+    """Protocol 32, 39: names match in any case as whole words, and the first of a repeated name
+    wins."""
     (command,) = parse_line(b"drive {left 1} {LEFT 5} {Lefty 7} {RIGHT 2}")
     assert command.get("Left") == "1"
     assert command.get("rIGHT") == "2"
@@ -252,19 +256,19 @@ def test_a_segment_of_one_word_is_present_but_empty() -> None:
 
 
 def test_values_keep_inner_blanks_and_commas() -> None:
-    """40: inner blanks and commas belong to the value, outer blanks do not."""
+    """Protocol 40: inner blanks and commas belong to the value, outer blanks do not."""
     (command,) = parse_line(b"SET {Params   118 two  words, more } {Opcode Write}")
     assert command.get("Params") == "118 two  words, more"
     assert command.get("Opcode") == "Write"
 
 
 def test_multi_pair_segments_read_as_one_value() -> None:
-    """1.5: a client's `{Name F1 Range 2.1}` is name `Name`, value `F1 Range 2.1`."""
+    """Protocol 1.5: a client's `{Name F1 Range 2.1}` is name `Name`, value `F1 Range 2.1`."""
     assert parsed(b"X {Name F1 Range 2.1}") == [("X", (("Name", "F1 Range 2.1"),))]
 
 
 def test_non_ascii_bytes_pass_through() -> None:
-    """52: foreign bytes in a name survive as Latin-1 and hide nothing behind them."""
+    """Protocol 52: foreign bytes in a name survive as Latin-1 and hide nothing behind them."""
     (command,) = parse_line("INIT {Name Röver Žluťoučký} {Start A}".encode())
     assert command.get("Name") == "Röver Žluťoučký".encode().decode("latin-1")
     assert command.get("Start") == "A"
@@ -272,14 +276,14 @@ def test_non_ascii_bytes_pass_through() -> None:
 
 @pytest.mark.parametrize("byte", [0x00, 0x0B, 0x1C, 0x85, 0xA0, 0xFF])
 def test_only_blank_and_tab_separate(byte: int) -> None:
-    """1.5: bytes that Unicode calls white space belong to the value."""
+    """Protocol 1.5: bytes that Unicode calls white space belong to the value."""
     character = chr(byte)
     (command,) = parse_line(f"SET {{Params {character}a{character}}}".encode("latin-1"))
     assert command.get("Params") == f"{character}a{character}"
 
 
 def test_glued_command_of_rdk() -> None:
-    """29: a known word glued behind a closing brace starts its own command."""
+    """Protocol 29: a known word glued behind a closing brace starts its own command."""
     line = b"SET {Type RFIDReleaser} {Name Gun} {Opcode Release}DRIVE {Left 1.0} {Right 1.0}"
     assert parsed(line) == [
         ("SET", (("Type", "RFIDReleaser"), ("Name", "Gun"), ("Opcode", "Release"))),
@@ -306,13 +310,15 @@ def test_glued_command_of_rdk() -> None:
     ids=repr,
 )
 def test_what_starts_a_glued_command(line: bytes, words: list[str]) -> None:
-    """1.4: only a whole known word outside braces, followed by a brace or the end, does."""
+    """Protocol 1.4: only a whole known word outside braces, followed by a brace or the end,
+    does."""
     assert [command.word for command in parse_line(line)] == words
 
 
 @pytest.mark.parametrize("word", sorted(KNOWN_WORDS))
 def test_every_known_word_can_be_glued(word: str) -> None:
-    """1.4: all command words of 3.1 and 3.15 start a glued command, in any case."""
+    """Protocol 1.4: all command words of protocol 3.1 and 3.15 start a glued command, in any
+    case."""
     line = f"SET {{A 1}}{word.lower()}{{B 2}}".encode()
     assert parsed(line) == [("SET", (("A", "1"),)), (word, (("B", "2"),))]
 

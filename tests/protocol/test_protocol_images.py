@@ -40,21 +40,23 @@ def requests(data: bytes) -> list[FullFrame | Rectangle]:
 @pytest.mark.parametrize(
     ("data", "expected"),
     [
-        pytest.param(b"OK", [FULL], id="check 3"),
-        pytest.param(b"OK\r\n", [FULL], id="check 4"),
-        pytest.param(b"\r\nOK", [FULL], id="check 5"),
-        pytest.param(b"ok", [], id="check 6"),
-        pytest.param(b"OOK", [], id="check 7: the second O is used up"),
-        pytest.param(b"OOKOK", [FULL], id="check 7: the next one counts"),
+        pytest.param(b"OK", [FULL], id="side channels 3"),
+        pytest.param(b"OK\r\n", [FULL], id="side channels 4"),
+        pytest.param(b"\r\nOK", [FULL], id="side channels 5"),
+        pytest.param(b"ok", [], id="side channels 6"),
+        pytest.param(b"OOK", [], id="side channels 7: the second O is used up"),
+        pytest.param(b"OOKOK", [FULL], id="side channels 7: the next one counts"),
         pytest.param(b"OOOK", [FULL], id="two pairs"),
-        pytest.param(b"OK" * 5, [FULL] * 5, id="check 9"),
+        pytest.param(b"OK" * 5, [FULL] * 5, id="side channels 9"),
         pytest.param(b"OUOK", [FULL], id="a U behind an O is used up"),
         pytest.param(TILE_BYTES, [TILE], id="rectangle"),
-        pytest.param(b"\0\0\0" + TILE_BYTES, [TILE], id="check 22: PoAReT"),
+        pytest.param(b"\0\0\0" + TILE_BYTES, [TILE], id="side channels 22: PoAReT"),
         pytest.param(
-            b"U" + b"OKUO" * 4, [Rectangle(*[0x4F4B554F] * 4)], id="check 24: no request inside"
+            b"U" + b"OKUO" * 4,
+            [Rectangle(*[0x4F4B554F] * 4)],
+            id="side channels 24: no request inside",
         ),
-        pytest.param(TILE_BYTES + b"OK" + TILE_BYTES, [TILE, FULL, TILE], id="check 26"),
+        pytest.param(TILE_BYTES + b"OK" + TILE_BYTES, [TILE, FULL, TILE], id="side channels 26"),
         pytest.param(b"U" + b"\xff" * 16, [Rectangle(*[2**32 - 1] * 4)], id="unsigned"),
         pytest.param(TILE_BYTES[:-1], [], id="incomplete rectangle"),
         pytest.param(b"INIT {ClassName P3AT}\r\n", [], id="lost controller"),
@@ -62,19 +64,19 @@ def requests(data: bytes) -> list[FullFrame | Rectangle]:
     ],
 )
 def test_requests_of_the_tables(data: bytes, expected: list[FullFrame | Rectangle]) -> None:
-    """Side channels reference 2.2 and checks 3 to 9, 22, 24 and 26."""
+    """Side channels reference 2.2 and side channels 3 to 9, 22, 24 and 26."""
     assert requests(data) == expected
 
 
 def test_letters_half_a_second_apart_are_one_request() -> None:
-    """Check 8: the lexer keeps the O until the K comes, however late."""
+    """Side channels 8: the lexer keeps the O until the K comes, however late."""
     lexer = RequestLexer()
     assert lexer.feed(b"O") == []
     assert lexer.feed(b"K") == [FULL]
 
 
 def test_rectangle_byte_by_byte_is_one_request() -> None:
-    """Check 23: sixteen bytes are held, the seventeenth completes the request."""
+    """Side channels 23: sixteen bytes are held, the seventeenth completes the request."""
     lexer = RequestLexer()
     for number in range(16):
         assert lexer.feed(TILE_BYTES[number : number + 1]) == []
@@ -131,7 +133,7 @@ def test_any_cut_gives_the_requests_of_the_original(data: bytes, cuts: list[int]
     ],
 )
 def test_headers_of_the_table(width: int, height: int, expected: str) -> None:
-    """Side channels reference 2.5; checks 10, 13 and 14."""
+    """Side channels reference 2.5; side channels 10, 13 and 14."""
     size = raw_header(width, height)
     header = reply_header(RAW, len(size) + height * raw_row_length(width))
     assert header + size == bytes.fromhex(expected)
@@ -144,7 +146,7 @@ def test_header_of_a_jpeg() -> None:
 
 @pytest.mark.parametrize(("width", "length"), [(0, 0), (1, 4), (2, 8), (3, 12), (4, 12), (5, 16)])
 def test_rows_are_filled_up(width: int, length: int) -> None:
-    """Check 14: three bytes per pixel, rounded up to a multiple of four."""
+    """Side channels 14: three bytes per pixel, rounded up to a multiple of four."""
     assert raw_row_length(width) == length
 
 
@@ -160,14 +162,14 @@ def test_sides_that_have_no_header_are_refused(size: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("change", [str.upper, str.lower, str.title])
 def test_names_mean_their_numbers_in_any_letter_case(change: Callable[[str], str]) -> None:
-    """Check 17."""
+    """Side channels 17."""
     types = [ImageType.named(change(name)) for name in IMAGE_TYPES]
     assert [one.byte for one in types] == [0, 1, 2, 3, 4, 5]
     assert [one.quality for one in types] == [None, 100, 75, 50, 25, 10]
 
 
 def test_empty_name_is_normal() -> None:
-    """Check 19."""
+    """Side channels 19."""
     assert ImageType.named("") == NORMAL == ImageType(3)
 
 
@@ -194,5 +196,5 @@ def test_types_are_shown_as_they_are_written() -> None:
     [(0, "00 00000004 0000 0000"), (3, "03 00000000"), (256, "00 00000000")],
 )
 def test_empty_replies(number: int, expected: str) -> None:
-    """Check 25: a raw picture of 0 x 0, or a header without payload."""
+    """Side channels 25: a raw picture of 0 x 0, or a header without payload."""
     assert empty_reply(ImageType(number)) == bytes.fromhex(expected)

@@ -1,4 +1,4 @@
-"""Mission packages, arms, effectors, RES (protocol reference 4.7 to 4.10; checklist 6.8, 6.10)."""
+"""Mission packages, arms, effectors, RES (protocol reference 4.7 to 4.10, 6.8, 6.10)."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ ARM = ActuatorItem(
 
 
 def test_mission_package_status() -> None:
-    """158 and 66: MISSTA with Torque, two digits of Time, links from 1."""
+    """Protocol 158 and 66: MISSTA with Torque, two digits of Time, links from 1."""
     assert actuator_status(UT2004, 63.4, "CameraPanTilt", [(0.5, -20), (-0.1, -20)]) == (
         "MISSTA {Time 63.40} {Name CameraPanTilt} {Link 1} {Value 0.5000} {Torque -20.00} "
         "{Link 2} {Value -0.1000} {Torque -20.00}"
@@ -73,7 +73,7 @@ def test_mission_package_status() -> None:
 
 
 def test_actuator_status() -> None:
-    """158: ASTA without Torque, four digits of Time, links from 1 as well."""
+    """Protocol 158: ASTA without Torque, four digits of Time, links from 1 as well."""
     assert actuator_status(UDK, 63.4021, "ArmA", [(0.49999, 1), (0.12, 1)]) == (
         "ASTA {Time 63.4021} {Name ArmA} {Link 1} {Value 0.4999} {Link 2} {Value 0.1200}"
     )
@@ -89,14 +89,14 @@ def test_actuator_status() -> None:
     ],
 )
 def test_effector_status(closed: bool, tool: tuple[str, str] | None, text: str) -> None:
-    """161, 9: OPEN or CLOSED, and the held tool one blank behind it."""
+    """Protocol 161, 9: OPEN or CLOSED, and the held tool one blank behind it."""
     assert effector_status(63.4021, "ToolChanger", "toolchange", closed, tool) == (
         f"EFF {{Time 63.4021}} {{Type ToolChanger}} {{Name toolchange}} {text}"
     )
 
 
 def test_mission_package_geometry() -> None:
-    """140: ParentLink -1 is the body."""
+    """Protocol 140: ParentLink -1 is the body."""
     assert mission_package_geometry([PAN_TILT]) == (
         "GEO {Type MisPkg} {Name CameraPanTilt} {Link 1} {ParentLink -1} "
         "{Location 0.1200,0.0000,-0.2000} {Orientation 3.1415,0.0000,0.0000} {Link 2} "
@@ -105,7 +105,7 @@ def test_mission_package_geometry() -> None:
 
 
 def test_actuator_geometry() -> None:
-    """140: Parent 0 is the base; digits 3/3 for the base, 3/2 for links, 2 for the tip."""
+    """Protocol 140: Parent 0 is the base; digits 3/3 for the base, 3/2 for links, 2 for the tip."""
     assert actuator_geometry([ARM]) == (
         "GEO {Type Actuator} {Name ArmA} {Location 0.100,0.000,-0.350} "
         "{Orientation 0.000,0.000,0.000} {Mount P3AT} {Link 1} {Parent 0} "
@@ -115,13 +115,13 @@ def test_actuator_geometry() -> None:
 
 
 def test_actuator_on_an_actuator() -> None:
-    """4.7: Mount names the carrying actuator and MountLink its link."""
+    """Protocol 4.7: Mount names the carrying actuator and MountLink its link."""
     item = ActuatorItem(name="Hand", mount="ArmA", mount_link=2)
     assert "{Mount ArmA} {MountLink 2} {Tip " in actuator_geometry([item])
 
 
 def test_effector_geometry() -> None:
-    """4.7: location and orientation with two digits, then Mount, MountLink, Tip."""
+    """Protocol 4.7: location and orientation with two digits, then Mount, MountLink, Tip."""
     mount = EffectorMount(
         name="Gripper1", location=(0.6, 0, -0.5), mount="ArmA", mount_link=2, tip=(0, 0, 0.18)
     )
@@ -132,7 +132,7 @@ def test_effector_geometry() -> None:
 
 
 def test_mission_package_configuration_ut2004() -> None:
-    """4.8: a link without limits has its minimum above its maximum."""
+    """Protocol 4.8: a link without limits has its minimum above its maximum."""
     assert mission_package_configuration(UT2004, [PAN_TILT]) == (
         "CONF {Type MisPkg} {Name CameraPanTilt} {Link 1} {JointType Revolute} {MaxSpeed 0.17} "
         "{MaxTorque 20.00} {MinRange 1} {MaxRange 0} {Link 2} {JointType Revolute} "
@@ -141,7 +141,7 @@ def test_mission_package_configuration_ut2004() -> None:
 
 
 def test_mission_package_configuration_udk() -> None:
-    """141: the old form of the other era answers the same question."""
+    """Protocol 141: the old form of the other era answers the same question."""
     item = ActuatorItem(name="a", links=(ActuatorLink(max_speed=1.571, max_torque=5),))
     assert mission_package_configuration(UDK, [item]) == (
         "CONF {Type MisPkg} {Name a} {Link 1} {JointType Revolute} {MaxRotationSpeed 1.571} "
@@ -150,7 +150,7 @@ def test_mission_package_configuration_udk() -> None:
 
 
 def test_actuator_configuration() -> None:
-    """139: links from 1, each with JointType, MaxTorque, MinValue, MaxValue."""
+    """Protocol 139: links from 1, each with JointType, MaxTorque, MinValue, MaxValue."""
     assert actuator_configuration([ARM]) == (
         "CONF {Type Actuator} {Name ArmA} {Link 1} {JointType Revolute} {MaxTorque 500.0000} "
         "{MinValue -1.5708} {MaxValue 1.5708} {Link 2} {JointType Prismatic} "
@@ -159,14 +159,15 @@ def test_actuator_configuration() -> None:
 
 
 def test_a_slider_needs_limits_in_order() -> None:
-    """139 and 183: CONF Actuator gives a link that turns for ever one turn, smaller limit first."""
+    """Protocol 139 and 183: CONF Actuator gives a link that turns for ever one turn, smaller limit
+    first."""
     text = actuator_configuration([PAN_TILT])
     assert "{Link 1} {JointType Revolute} {MaxTorque 20.0000} {MinValue -3.1415} " in text
     assert "{MinValue -3.1415} {MaxValue 3.1415} {Link 2}" in text
 
 
 def test_several_actuators_share_a_line() -> None:
-    """127: without Name all of them follow each other, each again beginning with Name."""
+    """Protocol 127: without Name all of them follow each other, each again beginning with Name."""
     other = ActuatorItem(name="ArmB", links=ARM.links)
     for text in (
         actuator_configuration([ARM, other]),
@@ -179,14 +180,14 @@ def test_several_actuators_share_a_line() -> None:
 
 
 def test_no_actuator_gives_no_line() -> None:
-    """126: nothing asked for exists, nothing is sent."""
+    """Protocol 126: nothing asked for exists, nothing is sent."""
     assert mission_package_geometry([]) == actuator_geometry([]) == ""
     assert mission_package_configuration(UDK, []) == actuator_configuration([]) == ""
     assert effector_geometry("Gripper", []) == ""
 
 
 def test_effector_configurations() -> None:
-    """4.8: the opcodes of grippers and tool changers."""
+    """Protocol 4.8: the opcodes of grippers and tool changers."""
     assert configuration("Gripper", [gripper_item("Gripper1")]) == (
         "CONF {Type Gripper} {Name Gripper1} {Opcode Grip} {MaxVal 1} {MinVal 0} {Opcode Close} "
         "{Opcode Open}"
@@ -208,20 +209,20 @@ def test_effector_configurations() -> None:
     ],
 )
 def test_results(wire_type: str, ok: bool, text: str) -> None:
-    """163, 165 and 5.2 no. 19: lower case `status` for RFID and RFIDReleaser only."""
+    """Protocol 163, 165 and 5.2 no. 19: lower case `status` for RFID and RFIDReleaser only."""
     assert result(63.41, wire_type, "n", ok) == (
         f"RES {{Time 63.41}} {{Type {wire_type}}} {{Name n}} {text}"
     )
 
 
 def test_releaser_result_ends_in_ok() -> None:
-    """164: `{status OK}` directly before CR LF."""
+    """Protocol 164: `{status OK}` directly before CR LF."""
     data = encode(result(63.41, "RFIDReleaser", "Gun", True))
     assert data == b"RES {Time 63.41} {Type RFIDReleaser} {Name Gun} {status OK}\r\n"
 
 
 def test_rfid_read_result() -> None:
-    """165, 40: ID and the stored text, blanks included."""
+    """Protocol 165, 40: ID and the stored text, blanks included."""
     extra = (("ID", "118"), ("Mem", "two words"))
     assert result(63.41, "RFID", "RFID", True, extra) == (
         "RES {Time 63.41} {Type RFID} {Name RFID} {status OK} {ID 118} {Mem two words}"
@@ -229,12 +230,12 @@ def test_rfid_read_result() -> None:
 
 
 def test_result_without_name() -> None:
-    """4.10: Type stays the second segment behind Time."""
+    """Protocol 4.10: Type stays the second segment behind Time."""
     assert result(1, "Effector", None, True) == "RES {Time 1.00} {Type Effector} {Status OK}"
 
 
 def test_viewports_result() -> None:
-    """4.10: camera and status of every viewport, in order."""
+    """Protocol 4.10: camera and status of every viewport, in order."""
     viewports = [("Camera1", True), ("Disabled", True), ("None", False)]
     assert viewports_result(2, viewports) == (
         "RES {Time 2.00} {Type Viewports} {Viewport1 Camera1} {Status OK} "

@@ -1,4 +1,4 @@
-"""SEN, GEO and CONF of sensors (protocol reference 4.5, 4.7, 4.8; checklist 6.7 and 6.8)."""
+"""SEN, GEO and CONF of sensors (protocol reference 4.5, 4.7, 4.8, 6.7 and 6.8)."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ def test_a_reading_alone_is_a_line_of_one_item(item: Item, time: float | None) -
 
 
 def test_a_single_sensor_with_time() -> None:
-    """94, 95, 98: Time first, then Type, Name and one segment per datum."""
+    """Protocol 94, 95, 98: Time first, then Type, Name and one segment per datum."""
     assert sensor_line(UDK, "Sonar", [sonar("LeftSonar", 1.982)], 63.4021) == (
         "SEN {Time 63.4021} {Type Sonar} {Name LeftSonar} {Range 1.9820}"
     )
 
 
 def test_a_single_sensor_without_time() -> None:
-    """96, 113: types without Time begin with Type."""
+    """Protocol 96, 113: types without Time begin with Type."""
     item = Item("Odometry", (("Pose", "1.2044,-0.0310,6.2518"),))
     assert sensor_line(UT2004, "Odometry", [item]) == (
         "SEN {Type Odometry} {Name Odometry} {Pose 1.2044,-0.0310,6.2518}"
@@ -58,13 +58,13 @@ def test_a_single_sensor_without_time() -> None:
 
 @pytest.mark.parametrize(("digits", "text"), [(2, "63.40"), (4, "63.4000")])
 def test_time_digits(digits: int, text: str) -> None:
-    """66: the caller chooses the digits of Time by table 2.2."""
+    """Protocol 66: the caller chooses the digits of Time by protocol table 2.2."""
     line = sensor_line(UT2004, "Sonar", [sonar("F1", 1)], 63.4, digits)
     assert line.startswith(f"SEN {{Time {text}}} {{Type Sonar}} ")
 
 
 def test_batched_sensors() -> None:
-    """97: all sonars in one line, in the order given, each one multi-pair segment."""
+    """Protocol 97: all sonars in one line, in the order given, each one multi-pair segment."""
     items = [sonar("F1", 1.982), sonar("F2", 5.0)]
     assert sensor_line(UT2004, "Sonar", items, 63.4, 4, True) == (
         "SEN {Time 63.4000} {Type Sonar} {Name F1 Range 1.9820} {Name F2 Range 5.0000}"
@@ -76,7 +76,7 @@ def test_batched_sensors() -> None:
     [("IR", "Range", "0.4411"), ("Encoder", "Tick", "412"), ("Touch", "Touch", "False")],
 )
 def test_other_batched_types(wire_type: str, key: str, value: str) -> None:
-    """99: IR, Encoder and Touch follow the same pair of rules."""
+    """Protocol 99: IR, Encoder and Touch follow the same pair of rules."""
     items = [Item("A", ((key, value),)), Item("B", ((key, value),))]
     assert sensor_line(UT2004, wire_type, items, multi_pair=True) == (
         f"SEN {{Type {wire_type}}} {{Name A {key} {value}}} {{Name B {key} {value}}}"
@@ -87,7 +87,7 @@ def test_other_batched_types(wire_type: str, key: str, value: str) -> None:
 
 
 def test_sixteen_sonars_of_p2at() -> None:
-    """100: F1..F8, then R1..R8, in sixteen segments that the strictest client counts."""
+    """Protocol 100: F1..F8, then R1..R8, in sixteen segments that the strictest client counts."""
     names = [f"{row}{number}" for row in "FR" for number in range(1, 9)]
     line = sensor_line(UT2004, "Sonar", [sonar(name, 5.0) for name in names], 1, 4, True)
     data = line.partition("{Type Sonar} ")[2].strip("{}").split("} {")
@@ -95,13 +95,13 @@ def test_sixteen_sonars_of_p2at() -> None:
 
 
 def test_multi_pair_with_several_pairs_and_a_lone_key() -> None:
-    """4.5: `{Name n key value key value}`, a datum without value contributes its key."""
+    """Protocol 4.5: `{Name n key value key value}`, a datum without value contributes its key."""
     item = Item("n", (("A", "1"), ("None", ""), ("B", "2")))
     assert sensor_line(UT2004, "X", [item], multi_pair=True) == "SEN {Type X} {Name n A 1 None B 2}"
 
 
 def test_a_datum_without_value() -> None:
-    """4.6 Acoustic: an empty value prints the key alone."""
+    """Protocol 4.6 Acoustic: an empty value prints the key alone."""
     item = Item("Array_0", (("None", ""),))
     assert sensor_line(UDK, "Acoustic", [item], 63.4021) == (
         "SEN {Time 63.4021} {Type Acoustic} {Name Array_0} {None}"
@@ -109,7 +109,7 @@ def test_a_datum_without_value() -> None:
 
 
 def test_repeated_keys_keep_their_order() -> None:
-    """116: RFID repeats ID, Location, Mem."""
+    """Protocol 116: RFID repeats ID, Location, Mem."""
     data = tuple(
         pair
         for tag in ("118", "131")
@@ -122,13 +122,13 @@ def test_repeated_keys_keep_their_order() -> None:
 
 
 def test_nothing_to_report_gives_no_line() -> None:
-    """7: an empty batch is no line."""
+    """Protocol 7: an empty batch is no line."""
     assert sensor_line(UT2004, "Sonar", [], 1.0, 4, True) == ""
     assert encode(sensor_line(UDK, "Sonar", [])) == b""
 
 
 def test_range_is_the_last_segment() -> None:
-    """102: Name, Resolution, FOV, Range."""
+    """Protocol 102: Name, Resolution, FOV, Range."""
     line = sensor_line(UT2004, "RangeScanner", [scan(UT2004, 5, 2.0)], 63.4, 2)
     assert line == (
         "SEN {Time 63.40} {Type RangeScanner} {Name Scanner1} {Resolution 0.0174} {FOV 3.1415} "
@@ -138,7 +138,8 @@ def test_range_is_the_last_segment() -> None:
 
 @pytest.mark.parametrize("dialect", list(Dialect))
 def test_a_scan_of_181_beams_fits_every_client(dialect: Dialect) -> None:
-    """106: a 181-beam line is shorter than 2000 bytes at the longest two digit distance."""
+    """Protocol 106: a 181-beam line is shorter than 2000 bytes at the longest two digit
+    distance."""
     line = sensor_line(dialect, "RangeScanner", [scan(dialect, 181, 79.9999)], 99999.99, 2)
     assert len(encode(line)) < 2000
 
@@ -146,13 +147,14 @@ def test_a_scan_of_181_beams_fits_every_client(dialect: Dialect) -> None:
 @pytest.mark.parametrize("dialect", list(Dialect))
 @pytest.mark.parametrize("beams", [181, 240, 241, 271])
 def test_scans_fit_the_smallest_line_buffer(dialect: Dialect, beams: int) -> None:
-    """5.2 no. 14 and addendum: scan lines stay below 2048 bytes by printing fewer digits."""
+    """Protocol 5.2 no. 14 and addendum: scan lines stay below 2048 bytes by printing fewer
+    digits."""
     line = sensor_line(dialect, "RangeScanner", [scan(dialect, beams, 20.0)], 9999.99, 2)
     assert len(encode(line)) < 2048
 
 
 def test_sensor_geometry_ut2004() -> None:
-    """134: one multi-pair segment per item, four digits, Mount last."""
+    """Protocol 134: one multi-pair segment per item, four digits, Mount last."""
     mounts = [
         ("F1", (0.115, -0.13, 0.0), (0.0, 0.0, -HALF_PI), "HARD"),
         ("F2", (0.155, -0.115, 0.0), (0.0, 0.0, -0.8727), "CameraTilt"),
@@ -165,7 +167,7 @@ def test_sensor_geometry_ut2004() -> None:
 
 
 def test_sensor_geometry_udk() -> None:
-    """134, 9: separate segments, two digits, one blank also before Mount."""
+    """Protocol 134, 9: separate segments, two digits, one blank also before Mount."""
     mounts = [("lms200", (0.18, 0.0, -0.25), (0.0, 0.0, 0.0), "P3AT")]
     assert sensor_geometry(UDK, "RangeScanner", mounts) == (
         "GEO {Type RangeScanner} {Name lms200} {Location 0.18,0.00,-0.25} "
@@ -174,14 +176,14 @@ def test_sensor_geometry_udk() -> None:
 
 
 def test_sensor_geometry_on_a_link() -> None:
-    """4.7: a sensor on a moving link names actuator and link, in `udk`."""
+    """Protocol 4.7: a sensor on a moving link names actuator and link, in `udk`."""
     mount = SensorMount("Eye", (0.05, 0, -0.1), (0, 0, 0), "KR60Arm", 6)
     assert sensor_geometry(UDK, "ObjectSensor", [mount]).endswith("{Mount KR60Arm} {MountLink 6}")
     assert sensor_geometry(UT2004, "ObjectSensor", [mount]).endswith(" Mount KR60Arm}")
 
 
 def test_sensor_geometry_lists_all_items() -> None:
-    """127: one line holds all items of the type, in order."""
+    """Protocol 127: one line holds all items of the type, in order."""
     mounts = [(name, (0.0, 0, 0), (0.0, 0, 0), "HARD") for name in ("A", "B", "C")]
     for dialect in Dialect:
         text = sensor_geometry(dialect, "Sonar", mounts)
@@ -191,13 +193,13 @@ def test_sensor_geometry_lists_all_items() -> None:
 
 
 def test_no_match_gives_no_line() -> None:
-    """126: nothing asked for exists, nothing is sent."""
+    """Protocol 126: nothing asked for exists, nothing is sent."""
     assert sensor_geometry(UT2004, "Sonar", []) == ""
     assert configuration("Sonar", []) == ""
 
 
 def test_configuration() -> None:
-    """136, 137: the segments of each item behind its Name, items in a row."""
+    """Protocol 136, 137: the segments of each item behind its Name, items in a row."""
     data = (("MaxRange", "5.0000"), ("MinRange", "0.1000"), ("BeamAngle", "0.3491"))
     assert configuration("Sonar", [Item("F1", data), Item("F2", data)]) == (
         "CONF {Type Sonar} {Name F1} {MaxRange 5.0000} {MinRange 0.1000} {BeamAngle 0.3491} "
@@ -206,5 +208,5 @@ def test_configuration() -> None:
 
 
 def test_configuration_of_an_item_that_has_nothing_but_a_name() -> None:
-    """125: every item answers, if only with its name."""
+    """Protocol 125: every item answers, if only with its name."""
     assert configuration("Camera", [Item("Camera")]) == "CONF {Type Camera} {Name Camera}"

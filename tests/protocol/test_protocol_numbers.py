@@ -1,4 +1,4 @@
-"""Numbers in and out (protocol reference 2.1 to 2.3; checklist 43 to 51, 53 to 55), and names: one
+"""Numbers in and out (protocol reference 2.1 to 2.3, 43 to 51, 53 to 55), and names: one
 printable token each, unique whatever the case, with nothing to forge fields with.
 """
 
@@ -41,7 +41,7 @@ DIGITS = st.integers(min_value=0, max_value=6)
     "text", [".5", "0.5", "+0.5", "5e-1", "0,5", " 0.5", "\t.5", "00.50", "5E-1"]
 )
 def test_spellings_of_a_half(text: str) -> None:
-    """43: sign, missing zero, exponent, decimal comma and leading blanks are all read."""
+    """Protocol 43: sign, missing zero, exponent, decimal comma and leading blanks are all read."""
     assert read_number(text) == 0.5
 
 
@@ -76,7 +76,7 @@ def test_spellings_of_a_half(text: str) -> None:
     ],
 )
 def test_trailing_junk_and_unreadable_text(text: str, value: float) -> None:
-    """44: what follows a number is ignored, and text without a number is 0."""
+    """Protocol 44: what follows a number is ignored, and text without a number is 0."""
     assert read_number(text) == value
 
 
@@ -84,7 +84,7 @@ def test_trailing_junk_and_unreadable_text(text: str, value: float) -> None:
     "text", ["nan", "NaN", "inf", "-inf", "Infinity", "-nan", "1e999", "-1e999"]
 )
 def test_reading_is_always_finite(text: str) -> None:
-    """45: nan and infinities in any spelling become finite numbers."""
+    """Protocol 45: nan and infinities in any spelling become finite numbers."""
     assert math.isfinite(read_number(text))
     assert abs(read_number(text)) <= MAX_MAGNITUDE
 
@@ -128,13 +128,13 @@ def test_any_text_reads_as_finite_numbers(text: str) -> None:
     ("text", "value"), [("3", 3), ("3.9", 3), ("-3.9", -3), ("x", 0), ("020", 20)]
 )
 def test_integers_truncate(text: str, value: int) -> None:
-    """2.3: integers given as decimals are truncated toward zero, and never octal."""
+    """Protocol 2.3: integers given as decimals are truncated toward zero, and never octal."""
     assert read_int(text) == value
 
 
 @pytest.mark.parametrize("text", ["true", "True", "TRUE", "1", "yes", "ON", " true "])
 def test_true_spellings(text: str) -> None:
-    """46 and 2.3: these are true."""
+    """Protocol 46 and 2.3: these are true."""
     assert read_bool(text) is True
 
 
@@ -142,7 +142,7 @@ def test_true_spellings(text: str) -> None:
     "text", ["false", "False", "0", "", "2", "tru", "truee", "off", "no", "-1"]
 )
 def test_everything_else_is_false(text: str) -> None:
-    """46: any other text is false."""
+    """Protocol 46: any other text is false."""
     assert read_bool(text) is False
 
 
@@ -173,7 +173,8 @@ def test_everything_else_is_false(text: str) -> None:
     ],
 )
 def test_vectors(text: str, expected: tuple[float, ...]) -> None:
-    """47 to 51: commas, blanks, both, decimal commas between blanks, and missing components."""
+    """Protocol 47 to 51: commas, blanks, both, decimal commas between blanks, and missing
+    components."""
     assert read_vector(text) == expected
 
 
@@ -191,7 +192,7 @@ def test_six_part_decimal_comma_vectors(text: str, expected: tuple[float, ...]) 
 
 
 def test_other_lengths() -> None:
-    """3.7 and 3.13: six numbers for POSE and two for MOVE are read by the same rules."""
+    """Protocol 3.7 and 3.13: six numbers for POSE and two for MOVE are read by the same rules."""
     assert read_vector("1.0,2.0,0.0,0,0,1.57", 6) == (1, 2, 0, 0, 0, 1.57)
     assert read_vector("0,5, 1,5, 0, 0, 0, 1,57", 6) == (0.5, 1.5, 0, 0, 0, 1.57)
     assert read_vector("1.00, 2.00", 2) == (1, 2)
@@ -232,7 +233,8 @@ def test_other_lengths() -> None:
     ],
 )
 def test_fixed(value: float, digits: int, text: str) -> None:
-    """2.1, 53: truncation toward zero with a tiny slack, and nothing but digits and a point."""
+    """Protocol 2.1, 53: truncation toward zero with a tiny slack, and nothing but digits and a
+    point."""
     assert fixed(value, digits) == text
 
 
@@ -244,7 +246,8 @@ def test_fixed_takes_numpy_scalars(kind: type[np.generic]) -> None:
 
 @given(st.floats(), DIGITS)
 def test_fixed_prints_only_plain_decimals(value: float, digits: int) -> None:
-    """53: whatever the value, no exponent, nan, inf, plus, comma or negative zero is printed."""
+    """Protocol 53: whatever the value, no exponent, nan, inf, plus, comma or negative zero is
+    printed."""
     text = fixed(value, digits)
     whole, point, fraction = text.removeprefix("-").partition(".")
     assert whole.isdigit()
@@ -273,21 +276,21 @@ def test_printing_and_reading_agree(value: float, digits: int) -> None:
 
 @given(FINITE, FINITE, DIGITS)
 def test_printing_keeps_order(one: float, two: float, digits: int) -> None:
-    """67: printed numbers, Time above all, never run against their values."""
+    """Protocol 67: printed numbers, Time above all, never run against their values."""
     low, high = sorted((one, two))
     assert float(fixed(low, digits)) <= float(fixed(high, digits))
 
 
 @given(st.lists(FINITE, min_size=3, max_size=3), st.integers(min_value=2, max_value=4))
 def test_vectors_survive_the_round_trip(values: list[float], digits: int) -> None:
-    """54: a printed vector has no blanks and reads back as its printed components."""
+    """Protocol 54: a printed vector has no blanks and reads back as its printed components."""
     text = vector(values, digits)
     assert " " not in text
     assert read_vector(text) == tuple(read_number(fixed(value, digits)) for value in values)
 
 
 def test_vector_joins_with_commas() -> None:
-    """2.1: commas, no blanks."""
+    """Protocol 2.1: commas, no blanks."""
     assert vector((1.25, -0.5, 0.0), 4) == "1.2500,-0.5000,0.0000"
     assert vector((), 4) == ""
 
@@ -304,7 +307,8 @@ def test_ranges_equals_vector(values: list[float], digits: int) -> None:
 
 
 def test_ranges_at_the_steps_of_its_tables() -> None:
-    """2.1: whole numbers, halves of the last digit and what rounding makes of them, either sign."""
+    """Protocol 2.1: whole numbers, halves of the last digit and what rounding makes of them, either
+    sign."""
     steps = np.array([0.0, 9.0, 10.0, 98.0, 99.0, 999.0, 9998.0, 9999.0, 10_000.0])
     for digits in range(6):
         last = 10.0**-digits
@@ -317,7 +321,7 @@ def test_ranges_at_the_steps_of_its_tables() -> None:
 
 @given(st.lists(st.floats(width=32), min_size=1, max_size=20))
 def test_ranges_of_single_precision(values: list[float]) -> None:
-    """53: single precision arrays with any content print plain decimals only."""
+    """Protocol 53: single precision arrays with any content print plain decimals only."""
     text = ranges(np.array(values, dtype=np.float32), 2)
     assert len(text.split(",")) == len(values)
     assert set(text) <= set("0123456789.,-")
@@ -332,7 +336,7 @@ def test_ranges_of_odd_shapes() -> None:
 
 
 def test_booleans() -> None:
-    """55: True and False, nothing else."""
+    """Protocol 55: True and False, nothing else."""
     assert boolean(True) == "True"
     assert boolean(False) == "False"
 
@@ -348,7 +352,8 @@ print(read_number("1.5"), read_number("1,5"))
 
 
 def test_locale_does_not_matter(tmp_path: Path) -> None:
-    """53: in a process with a decimal comma locale numbers have a point and read the same."""
+    """Protocol 53: in a process with a decimal comma locale numbers have a point and read the
+    same."""
     locale = tmp_path / "de_DE.ISO-8859-1"
     localedef = shutil.which("localedef")
     if localedef is None or not Path("/usr/share/i18n/locales/de_DE").exists():

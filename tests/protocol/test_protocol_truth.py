@@ -46,7 +46,7 @@ ACTORS = st.builds(Actor, WORDS, WORDS, TRIPLES, TRIPLES)
 
 
 def test_the_listing_of_the_reference_comes_out_letter_by_letter() -> None:
-    """92, 93: the lines of side channels 6.1."""
+    """Side channels 92, 93: the lines of side channels 6.1."""
     robot = Actor("P3AT_0", "P3AT", (0.667, 2.3, 1.861), (-0.001, 0.4599, 0.0))
     victim = Actor("MaleVictim_0", "MaleVictim", (5.1, -3.25, 1.02), (0.0, -0.0, 1.5708))
     assert listing([robot, victim], 29.97392) == (
@@ -59,13 +59,14 @@ def test_the_listing_of_the_reference_comes_out_letter_by_letter() -> None:
 
 
 def test_an_empty_listing_is_its_end() -> None:
-    """90: nothing found."""
+    """Side channels 90: nothing found."""
     assert listing([], 1.0) == "{End}\r\n"
 
 
 @given(st.lists(ACTORS, max_size=5), st.floats(0.0, 1e6))
 def test_every_line_has_the_form(actors: list[Actor], time: float) -> None:
-    """92, 93: whatever the numbers, lines match from column 0 and the end marker is last."""
+    """Side channels 92, 93: whatever the numbers, lines match from column 0 and the end marker is
+    last."""
     *lines, end, rest = listing(actors, time).split("\r\n")
     assert (end, rest) == ("{End}", "")
     assert len(lines) == len(actors)
@@ -92,12 +93,13 @@ def test_every_line_has_the_form(actors: list[Actor], time: float) -> None:
     ],
 )
 def test_queries(line: str, query: Query) -> None:
-    """88 to 91: groups in any order and case of key; everything else is the default query."""
+    """Side channels 88 to 91: groups in any order and case of key; everything else is the default
+    query."""
     assert read_query(line) == query
 
 
 def test_packages_and_case_of_a_class_do_not_matter() -> None:
-    """90: the engine's class names have no case."""
+    """Side channels 90: the engine's class names have no case."""
     assert Query("USARBot.P3AT").bare_class == Query("p3at").bare_class == "p3at"
 
 
@@ -112,13 +114,13 @@ def test_reading_never_fails(text: str) -> None:
 
 
 def test_an_empty_line_is_a_query() -> None:
-    """88: CR LF alone, LF alone, and several of them."""
+    """Side channels 88: CR LF alone, LF alone, and several of them."""
     assert QueryFramer().feed(b"\r\n") == [b""]
     assert QueryFramer().feed(b"\n\r\n\n") == [b"", b"", b""]
 
 
 def test_a_split_line_end_is_one() -> None:
-    """6.1: the LF of a CR LF that arrives in two pieces is no line of its own."""
+    """Side channels 6.1: the LF of a CR LF that arrives in two pieces is no line of its own."""
     framer = QueryFramer()
     assert framer.feed(b"{Actors}\r") == []
     assert framer.feed(b"\n") == [b"{Actors}"]
@@ -206,13 +208,15 @@ def cut(line: str) -> tuple[str, list[list[str]]]:
     ],
 )
 def test_numbers_are_single_precision_and_cut_off(value: float, text: str) -> None:
-    """50: four digits, truncated, as recorded from the original (side channels 3.2)."""
+    """Side channels 50: four digits, truncated, as recorded from the original
+    (side channels 3.2)."""
     assert single(value, 4) == text
 
 
 @given(NUMBERS)
 def test_numbers_never_round_away_from_zero(value: float) -> None:
-    """50: what is printed lies between the single precision value and zero, within 1e-4."""
+    """Side channels 50: what is printed lies between the single precision value and zero, within
+    1e-4."""
     text = single(value, 4)
     exact = float(np.float32(value))
     assert len(text.partition(".")[2]) == 4
@@ -225,7 +229,7 @@ def test_numbers_never_round_away_from_zero(value: float) -> None:
 
 @pytest.mark.parametrize("line", ["GETPOS", "getpos", "GetPos ", "  GETPOS", "GETPOS {Robot x}"])
 def test_positions_are_asked_for_in_any_case(line: str) -> None:
-    """53: the command word counts without case; groups behind it do no harm."""
+    """Side channels 53: the command word counts without case; groups behind it do no harm."""
     assert read_ground_truth_query(line) == Positions()
 
 
@@ -240,12 +244,14 @@ def test_positions_are_asked_for_in_any_case(line: str) -> None:
     ],
 )
 def test_robots_are_named_anyhow(line: str) -> None:
-    """3.1, 3.3: keys in any case, the first one counts, values trimmed, robots before points."""
+    """Side channels 3.1, 3.3: keys in any case, the first one counts, values trimmed, robots before
+    points."""
     assert read_ground_truth_query(line) == BetweenRobots("r1", "R2")
 
 
 def test_points_are_kept_as_sent_and_understood() -> None:
-    """59: the text of a point goes back verbatim; its numbers are wire coordinates."""
+    """Side channels 59: the text of a point goes back verbatim; its numbers are wire
+    coordinates."""
     query = read_ground_truth_query("GETOBS {Start 0,0.50,-1} {End 10,0,0}")
     assert query == BetweenPoints("0,0.50,-1", "10,0,0", (0.0, 0.5, -1.0), (10.0, 0.0, 0.0))
 
@@ -263,12 +269,12 @@ def test_points_are_kept_as_sent_and_understood() -> None:
     ],
 )
 def test_half_a_pair_is_incomplete(line: str) -> None:
-    """60: neither two robots nor two points."""
+    """Side channels 60: neither two robots nor two points."""
     assert read_ground_truth_query(line) == Incomplete()
 
 
 def test_robots_that_are_incomplete_give_way_to_points() -> None:
-    """3.3: if From or To is missing, Start and End are used."""
+    """Side channels 3.3: if From or To is missing, Start and End are used."""
     assert isinstance(
         read_ground_truth_query("GETOBS {From a} {Start 0,0,0} {End 1,0,0}"), BetweenPoints
     )
@@ -276,7 +282,7 @@ def test_robots_that_are_incomplete_give_way_to_points() -> None:
 
 @pytest.mark.parametrize("line", ["", " ", "GETPOSE", "INIT {Robot a} {Port 1}", "{GETPOS}", "POS"])
 def test_everything_else_is_no_request(line: str) -> None:
-    """61: unknown words are not understood, those of the wireless server neither."""
+    """Side channels 61: unknown words are not understood, those of the wireless server neither."""
     assert read_ground_truth_query(line) is None
 
 
@@ -291,12 +297,13 @@ def test_reading_never_fails_truth(text: str) -> None:
 
 
 def test_nobody_is_told_exactly() -> None:
-    """48: the reply without robots."""
+    """Side channels 48: the reply without robots."""
     assert positions([]) == "POSITIONS {Robots 0}"
 
 
 def test_the_reply_of_the_reference_comes_out_letter_by_letter() -> None:
-    """49 to 52, 64: the robots of side channels 3.2, one of them with an empty battery."""
+    """Side channels 49 to 52, 64: the robots of side channels 3.2, one of them with an empty
+    battery."""
     assert positions(
         [
             Position("Robot1", (-5.4734, 27.8247, 1.472)),
@@ -309,7 +316,7 @@ def test_the_reply_of_the_reference_comes_out_letter_by_letter() -> None:
 
 
 def test_counts_are_floats() -> None:
-    """56, 58, 59: the texts of side channels 3.3."""
+    """Side channels 56, 58, 59: the texts of side channels 3.3."""
     robots, points = (
         BetweenRobots("ComStation", "Robot1"),
         read_ground_truth_query("GETOBS {Start 0,0,0} {End 1,2,3}"),
@@ -322,7 +329,8 @@ def test_counts_are_floats() -> None:
 
 @given(st.lists(ROBOTS, max_size=16))
 def test_the_strict_reader_finds_every_robot(robots: list[Position]) -> None:
-    """65: cut as strictly as side channels 3.4 demands, a reply yields every robot whole."""
+    """Side channels 65: cut as strictly as side channels 3.4 demands, a reply yields every robot
+    whole."""
     head, groups = cut(positions(robots))
     assert (head, groups[0]) == ("POSITIONS", ["Robots", str(len(robots))])
     assert len(groups) == len(robots) + 1
@@ -336,7 +344,8 @@ def test_the_strict_reader_finds_every_robot(robots: list[Position]) -> None:
 
 @given(NAMES, NAMES, st.integers(-1, 1000))
 def test_the_strict_reader_finds_the_count(start: str, end: str, count: int) -> None:
-    """65, 3.4: three groups of two words; the number before the point is the count."""
+    """Side channels 65, 3.4: three groups of two words; the number before the point is the
+    count."""
     head, groups = cut(obstacles(BetweenRobots(start, end), count))
     assert head == "NUMOBS"
     assert groups[:2] == [["From", start], ["To", end]]

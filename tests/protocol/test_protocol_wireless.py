@@ -47,13 +47,14 @@ from usarsim_server.protocol.wireless import Reason, Request, parse_request
     ],
 )
 def test_requests_are_read(line: bytes, request_: Request) -> None:
-    """Verbs and keys in their case, the first of equal keys, ports checked (4.1, 4.2, check 77)."""
+    """Verbs and keys in their case, the first of equal keys, ports checked (side channels 4.1, 4.2,
+    77)."""
     assert parse_request(line) == request_
 
 
 @given(st.binary(max_size=300))
 def test_no_line_is_too_odd(line: bytes) -> None:
-    """Whatever comes gives a request whose ports are ports (4.6)."""
+    """Whatever comes gives a request whose ports are ports (side channels 4.6)."""
     request = parse_request(line)
     assert all(0 <= port <= 65535 for port in request.ports)
     assert wireless.encode(wireless.strength_reply(request.robot, -1.0)).count(b"\r\n") == 1
@@ -76,12 +77,12 @@ def test_no_line_is_too_odd(line: bytes) -> None:
     ],
 )
 def test_strengths_have_six_digits(strength: float, text: str) -> None:
-    """Six significant digits, and the words for what is no strength (4.2)."""
+    """Six significant digits, and the words for what is no strength (side channels 4.2)."""
     assert wireless.strength_reply("Base", strength) == f"SS {{Robot Base}} {text}"
 
 
 def test_replies_are_spelt_as_in_the_original() -> None:
-    """All other replies, mistakes of spelling included (4.2, section 12)."""
+    """All other replies, mistakes of spelling included (side channels 4.2, section 12)."""
     assert wireless.INIT_OK == "INITREPLY {Status OK}"
     assert wireless.error_reply(Reason.NAME_TAKEN) == "ERROR {Reason Robot.Alread.Exists}"
     assert wireless.strength_reply("A", -1.0, oneself=True) == (
@@ -130,12 +131,13 @@ def test_questions_about_ground_truth_are_told_by_the_verb(line: bytes, wanted: 
     ],
 )
 def test_messages_are_read(message: bytes | None, meaning: object) -> None:
-    """Verbs in any case, runs of blanks, and the two refusals (5.2, check 87)."""
+    """Verbs in any case, runs of blanks, and the two refusals (side channels 5.2, 87)."""
     assert parse_message(message) == meaning
 
 
 def test_replies_are_spelt_as_in_the_original_comserver() -> None:
-    """Every answer of 5.2, with its semicolon and without line end (checks 79, 80, 85, 86)."""
+    """Every answer of side channels 5.2, with its semicolon and without line end (side channels 79,
+    80, 85, 86)."""
     assert comserver.OK == b"OK;"
     assert comserver.not_registered("A") == b"Fail: Robot A not registered;"
     assert comserver.already_registered("A") == b"Fail: Robot with name A already registered;"
@@ -159,12 +161,13 @@ def test_replies_are_spelt_as_in_the_original_comserver() -> None:
     ],
 )
 def test_positive_strengths_are_errors(strength: float, answer: bytes) -> None:
-    """Valid values are not above zero (5.3)."""
+    """Valid values are not above zero (side channels 5.3)."""
     assert comserver.strength_reply(strength) == answer
 
 
 def test_messages_need_no_waiting() -> None:
-    """Several messages in one chunk, with line ends between them, are all found (5.1)."""
+    """Several messages in one chunk, with line ends between them, are all found
+    (side channels 5.1)."""
     framer = MessageFramer()
     assert framer.feed(b"\r\nREGISTER A 1.2.3.4;\r\n LISTEN A ") == [b"REGISTER A 1.2.3.4"]
     assert framer.feed(b"7;;") == [b"LISTEN A 7", b""]
@@ -184,12 +187,12 @@ def send(payload: bytes) -> bytes:
 
 
 def test_payload_is_told_by_its_length() -> None:
-    """Only the payload of `SEND 5 hello;` is delivered (check 82)."""
+    """Only the payload of `SEND 5 hello;` is delivered (side channels 82)."""
     assert LinkReader().feed(b"SEND 5 hello;") == b"hello"
 
 
 def test_close_ends_a_link() -> None:
-    """Nothing behind `CLOSE;` is delivered (check 84)."""
+    """Nothing behind `CLOSE;` is delivered (side channels 84)."""
     reader = LinkReader()
     assert reader.feed(b"SEND 2 ok;CLOSE now;SEND 2 no;") == b"ok"
     assert reader.closed
@@ -199,7 +202,8 @@ def test_close_ends_a_link() -> None:
     "junk", [b"HELLO there;", b"SEND x;", b"SEND 12x4 ;", b"SEND  ;", b"ab;", b";", b"\r\n"]
 )
 def test_junk_is_skipped_to_the_next_semicolon(junk: bytes) -> None:
-    """Other words and lengths that are no numbers cost nothing but themselves (5.4)."""
+    """Other words and lengths that are no numbers cost nothing but themselves
+    (side channels 5.4)."""
     reader = LinkReader()
     assert reader.feed(junk + send(b"fine")) == b"fine"
     assert not reader.closed
@@ -207,7 +211,8 @@ def test_junk_is_skipped_to_the_next_semicolon(junk: bytes) -> None:
 
 @given(st.lists(st.binary(max_size=40), max_size=8), st.integers(1, 20))
 def test_binary_payload_arrives_in_any_chunking(payloads: list[bytes], size: int) -> None:
-    """Semicolons and zero bytes in the payload are payload, however it is cut (check 83)."""
+    """Semicolons and zero bytes in the payload are payload, however it is cut
+    (side channels 83)."""
     data = b"".join(map(send, payloads))
     reader = LinkReader()
     got = b"".join(reader.feed(data[at : at + size]) for at in range(0, len(data), size))

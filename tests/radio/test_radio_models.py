@@ -52,7 +52,7 @@ def test_worked_values_without_obstacles(name: str, distance: float, strength: f
 def test_worked_values_with_obstacles(
     distance: float, obstacles: int, strength: float, up: bool
 ) -> None:
-    """The obstacle model and its cutoff as worked out in side channels 4.5 (check 78)."""
+    """The obstacle model and its cutoff as worked out in side channels 4.5 (side channels 78)."""
     made = model("obstacle")
     value = made.strength(distance, obstacles)
     assert round(value, 3) == strength
@@ -268,7 +268,8 @@ def services(file: Path, text: str) -> list[str]:
     ],
 )
 def test_services_as_asked_for(tmp_path: Path, text: str, names: list[str]) -> None:
-    """50000 is on and can be left to others, 5874 is off unless asked for (checks 99, 100)."""
+    """50000 is on and can be left to others, 5874 is off unless asked for (side channels 99,
+    100)."""
     assert services(tmp_path / "lab.toml", text) == names
 
 

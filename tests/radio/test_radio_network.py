@@ -36,7 +36,8 @@ def network(field: Field, name: str = "obstacle", **options: object) -> Network:
 
 class TestStrengths:
     def test_strength_follows_the_stations(self) -> None:
-        """What was seen last decides; the strength is the same in both directions (check 78)."""
+        """What was seen last decides; the strength is the same in both directions
+        (side channels 78)."""
         field = Field(A=0, B=10)
         made = network(field)
         assert round(made.strength("A", "B"), 4) == -56.6597
@@ -47,7 +48,7 @@ class TestStrengths:
         assert made.distance("A", "B") == 100.0
 
     def test_walls_end_a_link(self) -> None:
-        """Six obstacles at 10 m take the link down, five do not (check 78)."""
+        """Six obstacles at 10 m take the link down, five do not (side channels 78)."""
         assert network(Field(*SIX[:5], A=0, B=10)).connected("A", "B")
         assert not network(Field(*SIX, A=0, B=10)).connected("A", "B")
 
@@ -85,7 +86,7 @@ class TestStrengths:
 
 class TestStations:
     def test_names_are_unique(self) -> None:
-        """A name is taken until its owner leaves; case makes names different (check 70)."""
+        """A name is taken until its owner leaves; case makes names different (side channels 70)."""
         made = network(Field(A=0))
         assert not made.register("A", 0.0)
         assert made.register("a", 0.0)
@@ -95,7 +96,8 @@ class TestStations:
         assert made.names == ("a", "A")
 
     def test_who_is_missing_has_to_go(self) -> None:
-        """Only after the patience, and only one that the simulator does not know (check 76)."""
+        """Only after the patience, and only one that the simulator does not know
+        (side channels 76)."""
         field = Field(A=0, B=1)
         made = network(field, patience=1.0)
         del field.places["B"]

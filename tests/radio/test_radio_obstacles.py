@@ -61,13 +61,13 @@ class Lane:
 
 
 def test_nothing_between_is_no_obstacle() -> None:
-    """Check 56: a free line over the floor counts 0."""
+    """Side channels 56: a free line over the floor counts 0."""
     assert Lane().count() == 0
 
 
 @pytest.mark.parametrize("thickness", [0.01, 0.1, 0.2, 0.3, 0.41, 0.6, 2.0])
 def test_a_wall_of_any_thickness_is_one_obstacle(thickness: float) -> None:
-    """Check 56: a wall counts once, and its far side is no second one."""
+    """Side channels 56: a wall counts once, and its far side is no second one."""
     assert Lane().box(5.0, thickness).count() == 1
 
 
@@ -144,12 +144,13 @@ def test_no_line_no_obstacle() -> None:
 
 
 def test_the_floor_counts_from_above() -> None:
-    """A line into the ground meets the ground, which is the world itself (3.3 no. 3)."""
+    """A line into the ground meets the ground, which is the world itself (side channels 3.3
+    no. 3)."""
     assert Lane().counter().count(EAR, (1.0, 0.0, -3.0)) == 1
 
 
 def test_movable_things_let_a_signal_pass() -> None:
-    """Check 57: a crate or a door between two robots does not count."""
+    """Side channels 57: a crate or a door between two robots does not count."""
     lane = Lane().box(5.0)
     crate = lane.spec.worldbody.add_body(name="crate", pos=[3.0, 0.0, 0.5])
     crate.add_freejoint()

@@ -107,7 +107,8 @@ def test_inside_of_a_tight_turn_a_wheel_rolls_backwards() -> None:
 
 
 def test_literal_steering_is_the_same_for_all() -> None:
-    """As in the original: one angle for all wheels of an axle, one speed for all wheels (4.9)."""
+    """As in the original: one angle for all wheels of an axle, one speed for all wheels
+    (robots 4.9)."""
     wheels = car(1.0, 0.6, 0.6, 0.1, (True, True))
     angles, speeds = turn(wheels, 0.3, -0.2, literal=True)
     assert angles == [0.3, 0.3, -0.2, -0.2]
@@ -137,7 +138,7 @@ def test_literal_joints_keep_their_limits() -> None:
 
 
 def test_absent_members_keep_their_values_in_ut2004() -> None:
-    """`ut2004`: Speed alone, or without RearSteer, is obeyed; the rest stays (149)."""
+    """`ut2004`: Speed alone, or without RearSteer, is obeyed; the rest stays (protocol 149)."""
     driver = Driver(SEDAN)
     assert driver.send(speed=5.0)
     assert driver.machine.wheels == pytest.approx([5.0] * 4)
@@ -165,7 +166,8 @@ def test_udk_wants_all_three(missing: str) -> None:
 
 
 def test_the_percent_flag_sticks_in_udk_only() -> None:
-    """Normalized holds for one command in `ut2004`, until it is sent again in `udk` (3.4)."""
+    """Normalized holds for one command in `ut2004`, until it is sent again in `udk`
+    (protocol 3.4)."""
     whole = {"front_steer": 0.0, "rear_steer": 0.0}
     driver = Driver(FRONT, UDK)
     driver.send(speed=50.0, normalized=True, **whole)
@@ -193,7 +195,7 @@ def test_steering_is_never_a_percentage(dialect: Dialect) -> None:
 @pytest.mark.parametrize("dialect", Dialect)
 @pytest.mark.parametrize("value", [1e9, math.inf, 1e308])
 def test_values_beyond_the_range_are_the_limit(dialect: Dialect, value: float) -> None:
-    """Speed and steering stop at their limits, in both directions (5.2 #41, 149)."""
+    """Speed and steering stop at their limits, in both directions (robots 41, protocol 149)."""
     for sign in (1.0, -1.0):
         driver = Driver(SEDAN, dialect)
         driver.send(speed=sign * value, front_steer=0.0, rear_steer=sign * value)
@@ -282,7 +284,7 @@ def test_no_command_leaves_the_limits(drives: list[Drive], name: str, dialect: D
 
 
 def test_front_ackerman_announces_the_width_of_its_range() -> None:
-    """FrontAckerman: MaxFrontSteer 1.0, MaxRearSteer 0; BasicAckermanRobot 0 and 1.6 (5.1 #9)."""
+    """FrontAckerman: MaxFrontSteer 1.0, MaxRearSteer 0; BasicAckermanRobot 0 and 1.6 (robots 9)."""
     for robot, front, rear in ((FRONT, "1.0000", "0.0000"), (BASIC, "0.0000", "1.6000")):
         line = robot.family.configuration(robot, UDK)
         assert "{SteeringType AckermanSteered}" in line
@@ -307,7 +309,8 @@ def test_figures_of_the_udk_cars() -> None:
 
 
 def test_status_tells_the_commanded_angle_in_udk() -> None:
-    """`udk` STA has what was last told, within the limits, before any wheel has moved (4.3)."""
+    """`udk` STA has what was last told, within the limits, before any wheel has moved
+    (protocol 4.3)."""
     driver = Driver(FRONT, UDK)
     joints = {"FLFrontSteer": 0.0, "FRFrontSteer": 0.0}
     assert "{FrontSteer 0.0000} {RearSteer 0.0000}" in driver.status(joints)
@@ -319,7 +322,8 @@ def test_status_tells_the_commanded_angle_in_udk() -> None:
 
 @pytest.mark.parametrize("angle", [-0.5, -0.2, 0.0, 0.1, 0.5])
 def test_status_tells_the_measured_angle_in_ut2004(angle: float) -> None:
-    """`ut2004` STA has the angle of an imagined wheel in the middle, from where both are (4.3)."""
+    """`ut2004` STA has the angle of an imagined wheel in the middle, from where both are
+    (protocol 4.3)."""
     driver = Driver(SEDAN)
     driver.send(speed=1.0, front_steer=angle)
     line = driver.status(driver.machine.positions)

@@ -39,7 +39,7 @@ def law(driver: Driver) -> list[float]:
 
 @pytest.mark.parametrize("dialect", Dialect)
 def test_signs_of_the_wire(dialect: Dialect) -> None:
-    """Up, ahead, to the right and clockwise are positive on the wire (151)."""
+    """Up, ahead, to the right and clockwise are positive on the wire (protocol 151)."""
     driver = Driver(AIR, dialect)
     driver.send(
         altitude_velocity=1.0, linear_velocity=0.5, lateral_velocity=0.3, rotational_velocity=0.2
@@ -52,7 +52,8 @@ def test_signs_of_the_wire(dialect: Dialect) -> None:
 
 @pytest.mark.parametrize(("dialect", "value"), [(UDK, 90.0), (UT, math.pi / 2.0)])
 def test_rotation_is_in_degrees_in_udk(dialect: Dialect, value: float) -> None:
-    """RotationalVelocity: degrees per second in `udk`, rad/s in `ut2004` (5.2 #44, 152)."""
+    """RotationalVelocity: degrees per second in `udk`, rad/s in `ut2004` (robots 44,
+    protocol 152)."""
     driver = Driver(AIR, dialect)
     driver.send(rotational_velocity=value)
     assert law(driver)[3] == pytest.approx(-math.pi / 2.0)
@@ -71,7 +72,8 @@ def test_absent_members_keep_their_values(dialect: Dialect) -> None:
 
 @pytest.mark.parametrize("dialect", Dialect)
 def test_percent_holds_for_one_command(dialect: Dialect) -> None:
-    """Normalized is percent of 2 m/s and 100 deg/s, in both eras for its own command only (3.4)."""
+    """Normalized is percent of 2 m/s and 100 deg/s, in both eras for its own command only
+    (protocol 3.4)."""
     driver = Driver(AIR, dialect)
     driver.send(
         altitude_velocity=50.0,
@@ -99,7 +101,7 @@ def test_more_than_the_limit_is_flown_without_percent(dialect: Dialect) -> None:
 
 @pytest.mark.parametrize(("speed", "pitch"), [(0.01, TILT), (2.0, TILT), (-1.0, -TILT), (0.0, 0.0)])
 def test_tilt_does_not_depend_on_speed(speed: float, pitch: float) -> None:
-    """25 deg nose down for any way ahead, nose up for any way back, level for none (1.5)."""
+    """25 deg nose down for any way ahead, nose up for any way back, level for none (robots 1.5)."""
     driver = Driver(AIR, UDK)
     driver.send(linear_velocity=speed)
     assert law(driver)[5] == pytest.approx(pitch, abs=1e-5)
@@ -152,7 +154,7 @@ def test_without_power_rotors_stop_and_blimps_stay() -> None:
 
 
 def test_figures_of_the_air_robot() -> None:
-    """CONF exposes 2 m/s three times, 100 deg/s and 25 deg (5.1 #10, robots reference 1.5)."""
+    """CONF exposes 2 m/s three times, 100 deg/s and 25 deg (robots 10, robots reference 1.5)."""
     line = AIR.family.configuration(AIR, UDK)
     for part in (
         "{SteeringType RotaryWing}",
@@ -176,7 +178,8 @@ def test_figures_of_the_air_robot() -> None:
 
 
 def test_status() -> None:
-    """STA says AerialVehicle right after the head in `ut2004` (87); no joint is told of."""
+    """STA says AerialVehicle right after the head in `ut2004` (protocol 87); no joint is told
+    of."""
     assert Driver(AIR, UT).status().startswith("STA {Type AerialVehicle} {Time 12.5")
     assert "cam" not in Driver(AIR, UDK).status()
 
@@ -292,7 +295,8 @@ def hire(world: Rehearsal) -> Iterator[Hire]:
 
 
 def test_hover_speed_and_turning(hire: Hire) -> None:
-    """AirRobot hovers (V23), flies 2 m/s and turns 100 deg/s (V24); yaw keeps height (5.2 #42)."""
+    """AirRobot hovers (V23), flies 2 m/s and turns 100 deg/s (V24); yaw keeps height
+    (robots 42)."""
     role = hire("USARBot.AirRobot} {Dialect udk")
     start = np.array(role.state.pose.position)
     hover = role.fly("{LinearVelocity 0}", 5.0)
@@ -307,7 +311,7 @@ def test_hover_speed_and_turning(hire: Hire) -> None:
 
 
 def test_pitch_of_forward_flight(hire: Hire) -> None:
-    """Pitch goes to -25 deg for forward, +25 for backward, 0 for hover, in 0.65 s (5.2 #43)."""
+    """Pitch goes to -25 deg for forward, +25 for backward, 0 for hover, in 0.65 s (robots 43)."""
     role = hire("AirRobot")
     role.fly("{LinearVelocity 1}", 0.4)
     assert -18.0 < role.attitude[1] < -9.0
@@ -324,14 +328,15 @@ def test_pitch_of_forward_flight(hire: Hire) -> None:
 
 @pytest.mark.parametrize(("dialect", "value"), [("udk", "90"), ("ut2004", "1.5708")])
 def test_quarter_turn_per_second(hire: Hire, dialect: str, value: str) -> None:
-    """RotationalVelocity 90 in `udk` and 1.5708 in `ut2004`: a quarter turn clockwise (5.2 #44)."""
+    """RotationalVelocity 90 in `udk` and 1.5708 in `ut2004`: a quarter turn clockwise
+    (robots 44)."""
     role = hire(f"AirRobot}} {{Dialect {dialect}")
     turning = role.fly(f"{{RotationalVelocity {value}}}", 1.0)
     assert math.degrees(turning.angular_velocity[2]) == pytest.approx(-90.0, abs=1.0)
 
 
 def test_two_items_of_one_name(hire: Hire) -> None:
-    """AirRobot's two GPS are both mounted and both report (5.1 #16)."""
+    """AirRobot's two GPS are both mounted and both report (robots 16)."""
     role = hire("AirRobot")
     names = [(sensor.wire_type, sensor.name) for sensor in role.vehicle.sensors]
     assert [kind for kind, name in names if name == "GPS"] == ["GPS", "AltitudeSensor"]
@@ -343,7 +348,8 @@ def test_two_items_of_one_name(hire: Hire) -> None:
 
 
 def test_a_dead_battery_drops_it(hire: Hire) -> None:
-    """When the battery is empty the rotors stop; it falls, lies, and takes no more orders (162)."""
+    """When the battery is empty the rotors stop; it falls, lies, and takes no more orders
+    (protocol 162)."""
     role = hire("AirRobot} {Battery 2")
     role.fly("{AltitudeVelocity 0.5}", 1.0)
     assert role.state.pose.position[2] > 2.2
@@ -355,7 +361,7 @@ def test_a_dead_battery_drops_it(hire: Hire) -> None:
 
 
 def test_it_leaves_a_wall_when_told_to(tmp_path: Path) -> None:
-    """AirRobot flown into a wall stays outside of it, and comes away at once (5.2 #45)."""
+    """AirRobot flown into a wall stays outside of it, and comes away at once (robots 45)."""
     from usarsim_bench.fidelity import worlds
 
     folder = worlds.write_world(tmp_path, worlds.wall())

@@ -1,11 +1,11 @@
 """All classes at once: they come to rest where they fall, and do what GEO and CONF announce.
 
 An old MATLAB demo spawned a list of classes one after the other from high above: robots reference
-1.1 (bsamadi/AUT-USARSim-Toolbox: Demos/TEST_All_Robots.m) and 5.1. Each of them has to come to rest
-close to where it fell, on its wheels, tracks or feet.
+1.1 (bsamadi/AUT-USARSim-Toolbox: Demos/TEST_All_Robots.m) and robots 5.1. Each of them has to come
+to rest close to where it fell, on its wheels, tracks or feet.
 
 Clients reckon with WheelRadius times MaxSpeed, and believe odometry (protocol reference 3.4.1,
-checks 131 and 132; robots reference 5.1 #19, 5.4 #79). Every class is driven straight at its
+protocol 131 and 132; robots 19 and 79). Every class is driven straight at its
 announced limit, or at 3 m/s if that is less, by a client that commands twice the limit where it is
 driven at it. Turns are compared where wheels do not slip sideways: with two driven wheels.
 """
@@ -52,7 +52,7 @@ FALL = 1.0
 """s of simulated time that is watched at every other step: a fall from 2.1 m takes 0.65 s."""
 SETTLE = 2.0
 LARGEST_STEP = 0.1
-"""m in two steps; 5.3 #62 allows as much in one."""
+"""m in two steps; robots 62 allows as much in one."""
 
 
 @pytest.fixture(scope="module")
@@ -94,14 +94,14 @@ def fallen(yard: Rehearsal, vehicle: Vehicle) -> list[float]:
 
 @pytest.mark.parametrize("name", slow_but(FAMILIES.__contains__, CLASSES))
 def test_spawned_from_above_it_settles(yard: Rehearsal, client: RehearsedClient, name: str) -> None:
-    """It appears, falls, does not leap, and stands where it fell (checks 1, 2, 17, 62)."""
+    """It appears, falls, does not leap, and stands where it fell (robots 1, 2, 17, 62)."""
     settles(yard, client, name, HEIGHTS[CLASSES.index(name) % len(HEIGHTS)])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", OTHERS)
 def test_all_others_settle_too(yard: Rehearsal, client: RehearsedClient, name: str) -> None:
-    """A metre above its rest height every other class does the same (checks 1, 17, 62)."""
+    """A metre above its rest height every other class does the same (robots 1, 17, 62)."""
     robot = load_robot(data_directory("robots") / f"{name}.toml")
     settles(yard, client, name, robot.rest_height + 1.0)
 

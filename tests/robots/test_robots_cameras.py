@@ -40,7 +40,7 @@ def names(robot: RobotDescription) -> list[str]:
 
 
 def test_defaults_are_those_of_the_original(tmp_path: Path) -> None:
-    """Field of view 1.3963 rad, zoom from 0.3491 to 2.0944 rad (101)."""
+    """Field of view 1.3963 rad, zoom from 0.3491 to 2.0944 rad (robots 101)."""
     (camera,) = load(tmp_path, CAMERA).cameras
     where = f"{tmp_path / 'Test.toml'}: [[camera]] 1 (Camera)"
     pose = Pose((0.1, -0.05, 0.4))

@@ -58,13 +58,13 @@ def test_shipped_classes(catalog: RobotCatalog) -> None:
 
 @pytest.mark.parametrize("name", ROSTER)
 def test_the_whole_roster_is_there(catalog: RobotCatalog, name: str) -> None:
-    """Every row of the catalog of the original simulators is answered (5.1 #1)."""
+    """Every row of the catalog of the original simulators is answered (robots 1)."""
     assert found(catalog, name).name == name
 
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_every_class_is_found_with_and_without_package(catalog: RobotCatalog, name: str) -> None:
-    """A class is found by its name, with a package, and in any case (5.1 #1, #2)."""
+    """A class is found by its name, with a package, and in any case (robots 1, 2)."""
     for spelling in (name, f"USARBot.{name}", f"a.b.{name}", name.lower(), name.upper()):
         assert found(catalog, spelling).name == name
     assert found(catalog, f" USARBot.{name} ").name == name
@@ -74,7 +74,7 @@ def test_every_class_is_found_with_and_without_package(catalog: RobotCatalog, na
     "name", ["", ".", "USARBot.", "Nothing", "USARBot.P3ATX", "P3AT.toml", "*"]
 )
 def test_unknown_classes_are_none(catalog: RobotCatalog, name: str) -> None:
-    """A class nobody described is None (5.1 #1)."""
+    """A class nobody described is None (robots 1)."""
     assert catalog.find(name) is None
 
 
@@ -91,7 +91,8 @@ def test_unknown_classes_are_none(catalog: RobotCatalog, name: str) -> None:
 def test_aliases_have_the_mapped_geometry_and_their_own_name(
     catalog: RobotCatalog, alias: str, model: str
 ) -> None:
-    """Variants report the class the client asked for and have the geometry of 1.1 (5.1 #3)."""
+    """Variants report the class the client asked for and have the geometry of robots 1.1
+    (robots 3)."""
     robot, original = found(catalog, alias), found(catalog, model)
     assert robot.name == alias
     assert robot.model == original.model == model
@@ -146,7 +147,7 @@ def test_user_folder_replaces_a_shipped_class(
 
 
 def test_user_file_may_extend_what_it_replaces(tmp_path: Path) -> None:
-    """The fast P3AT of the howto: three lines in a folder of one's own (5.2 #23)."""
+    """The fast P3AT of the howto: three lines in a folder of one's own (robots 23)."""
     (tmp_path / "P3AT.toml").write_text('extends = "P3AT"\n[drive]\nmax_wheel_speed = 8.17\n')
     robot = found(load_catalog([tmp_path]), "P3AT")
     assert robot.drive.max_wheel_speed == 8.17

@@ -65,7 +65,7 @@ def _sen(client: RehearsedClient, kind: str) -> list[str]:
 
 @pytest.mark.parametrize("kind", ["IR", "Touch", "Encoder"])
 def test_batches(stage: Rehearsal, connect: Connect, kind: str) -> None:
-    """One multi-pair line in ut2004, one line each in udk (checks 97 to 99)."""
+    """One multi-pair line in ut2004, one line each in udk (protocol 97 to 99)."""
     key = {"IR": "Range", "Touch": "Touch", "Encoder": "Tick"}[kind]
     batched = connect("{ClassName Probe} {Dialect ut2004}")
     single = connect("{ClassName Probe} {Dialect udk}")
@@ -84,14 +84,15 @@ def test_batches(stage: Rehearsal, connect: Connect, kind: str) -> None:
 
 
 def test_no_battery(stage: Rehearsal, connect: Connect) -> None:
-    """A robot without battery reports 99999, however long (check 93)."""
+    """A robot without battery reports 99999, however long (protocol 93)."""
     client = connect("{ClassName Probe}")
     stage.run(3.0)
     assert {value for line in client.take("STA") for value in values(line, "Battery")} == {"99999"}
 
 
 def test_encoders_and_gps_while_driving(stage: Rehearsal, connect: Connect) -> None:
-    """Ticks rise forward; going along +x latitude rises in whole degrees and minutes (110, 111)."""
+    """Ticks rise forward; going along +x latitude rises in whole degrees and minutes (protocol 110,
+    111)."""
     client = connect("{ClassName Probe} {Dialect ut2004}")
     client.send("DRIVE {Left 3} {Right 3}")
     stage.run(20.0)
@@ -112,7 +113,7 @@ def test_encoders_and_gps_while_driving(stage: Rehearsal, connect: Connect) -> N
 
 
 def test_misses(stage: Rehearsal, connect: Connect) -> None:
-    """Where nothing is, lasers and sonars report MaxRange of CONF (checks 101, 103, 105)."""
+    """Where nothing is, lasers and sonars report MaxRange of CONF (protocol 101, 103, 105)."""
     client = connect("{ClassName P2AT}")
     stage.run(0.5)
     said = client.take("SEN")
@@ -128,7 +129,7 @@ def test_misses(stage: Rehearsal, connect: Connect) -> None:
 
 
 def test_a_robot_beside_the_laser(stage: Rehearsal) -> None:
-    """What stands to the right is in the first half of the list (checks 101, 104)."""
+    """What stands to the right is in the first half of the list (protocol 101, 104)."""
     client, other = stage.connect(), stage.connect()
     client.send("INIT {ClassName P2AT} {Location -40,40,-0.3}")
     other.send("INIT {ClassName P2AT} {Location -40,41.5,-0.3}")
@@ -153,7 +154,8 @@ def _first(lines: list[str], kind: str) -> str:
 
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_ranges_of_angles(stage: Rehearsal, connect: Connect, dialect: str) -> None:
-    """Turning round and round INS stays in [0, 2 pi), GroundTruth as its dialect (64, 65)."""
+    """Turning round and round INS stays in [0, 2 pi), GroundTruth as its dialect (protocol 64,
+    65)."""
     client = connect(f"{{ClassName P2AT}} {{Dialect {dialect}}}")
     client.send("DRIVE {Left -5} {Right 5}")
     stage.run(9.0)
@@ -175,7 +177,7 @@ def test_ranges_of_angles(stage: Rehearsal, connect: Connect, dialect: str) -> N
 
 
 def test_equal_steps_have_equal_times(stage: Rehearsal) -> None:
-    """Robots that began together report the same times, step by step (checks 67, 68)."""
+    """Robots that began together report the same times, step by step (protocol 67, 68)."""
     clients = [stage.connect() for _ in range(3)]
     for index, client in enumerate(clients):
         client.send(f"INIT {{ClassName P3AT}} {{Location {index * 3},60,-0.3}}")
@@ -191,7 +193,7 @@ def test_equal_steps_have_equal_times(stage: Rehearsal) -> None:
 
 
 def test_intervals_of_udk_sensors(stage: Rehearsal, connect: Connect) -> None:
-    """Each sensor of a P3AT keeps the original's interval (checks 91, 122; 4.14)."""
+    """Each sensor of a P3AT keeps the original's interval (protocol 91, 122; 4.14)."""
     client = connect("{ClassName P3AT}")
     stage.run(20.0)
     said = client.take()
@@ -205,7 +207,8 @@ def test_intervals_of_udk_sensors(stage: Rehearsal, connect: Connect) -> None:
 
 
 def test_tachometer(stage: Rehearsal, connect: Connect) -> None:
-    """Vel before Pos, a number for every driven wheel, and both tell of the motion (119)."""
+    """Vel before Pos, a number for every driven wheel, and both tell of the motion
+    (protocol 119)."""
     client = connect("{ClassName P3AT}")
     client.send("DRIVE {Left 1} {Right 0.5}")
     stage.run(4.0)
@@ -218,7 +221,7 @@ def test_tachometer(stage: Rehearsal, connect: Connect) -> None:
 
 
 def test_udk_order_of_status() -> None:
-    """With sta_order = udk STA is what the original sent, 10 Hz (checks 86, 91)."""
+    """With sta_order = udk STA is what the original sent, 10 Hz (protocol 86, 91)."""
     form = re.compile(
         r"STA \{Time \d+\.\d{4}\} \{Battery \d+\} \{Type GroundVehicle\} "
         r"\{LightToggle (True|False)\} \{LightIntensity 100\} \{FrontSteer 0\} \{RearSteer 0\}"
@@ -248,7 +251,8 @@ def _speeds(stage: Rehearsal, client: RehearsedClient, *commands: str) -> list[f
 def test_percent_and_limit(
     stage: Rehearsal, connect: Connect, dialect: str, next_speed: float
 ) -> None:
-    """Too much is MaxSpeed, 100 percent is, then rad/s or still percent (131, 146, 147)."""
+    """Too much is MaxSpeed, 100 percent is, then rad/s or still percent (protocol 131, 146,
+    147)."""
     client = connect(f"{{ClassName P3AT}} {{Dialect {dialect}}}")
     full = [1.3] * 4
     assert _speeds(stage, client, "DRIVE {Left 50} {Right 50}") == pytest.approx(full, abs=0.02)
@@ -260,7 +264,7 @@ def test_percent_and_limit(
 
 
 def test_wheels_by_number(stage: Rehearsal, connect: Connect) -> None:
-    """WheelNumber 0 and 1 drive these two; the others stand against it (check 150)."""
+    """WheelNumber 0 and 1 drive these two; the others stand against it (protocol 150)."""
     client = connect("{ClassName P3AT}")
     groups = "{WheelNumber 0} {WheelSpeed 1} {WheelNumber 1} {WheelSpeed 1}"
     speeds = _speeds(stage, client, f"DRIVE {groups}")
@@ -269,13 +273,13 @@ def test_wheels_by_number(stage: Rehearsal, connect: Connect) -> None:
 
 @pytest.mark.parametrize("spelling", ["drive {left 1} {RIGHT 1}", "DRIVE{Left 1}{Right 1}"])
 def test_spellings_drive_alike(stage: Rehearsal, connect: Connect, spelling: str) -> None:
-    """Case of names and blanks around segments do not matter (checks 32, 33)."""
+    """Case of names and blanks around segments do not matter (protocol 32, 33)."""
     client = connect("{ClassName P3AT}")
     assert _speeds(stage, client, spelling) == pytest.approx([1.0] * 4, abs=0.02)
 
 
 def test_geometry_predicts_motion(stage: Rehearsal, connect: Connect) -> None:
-    """Radius and separation of GEO give straight and turning speed of a P3DX (check 132)."""
+    """Radius and separation of GEO give straight and turning speed of a P3DX (protocol 132)."""
     client = connect("{ClassName P3DX} {Dialect ut2004}")
     client.send("GETGEO {Type Robot}")
     geo = client.take("GEO")[0]
@@ -339,7 +343,7 @@ def _links(client: RehearsedClient) -> list[float]:
 def test_links_move(
     stage: Rehearsal, connect: Connect, command: str, pan: float, tilt: float
 ) -> None:
-    """Links obey by number, limits hold, unknown ones do no harm (checks 155 to 160; 3.6)."""
+    """Links obey by number, limits hold, unknown ones do no harm (protocol 155 to 160; 3.6)."""
     client = connect("{ClassName P2AT}")
     client.send(command)
     stage.run(6.0)
@@ -365,7 +369,7 @@ def test_links_move(
     ],
 )
 def test_no_answer_and_no_effect(stage: Rehearsal, connect: Connect, command: str) -> None:
-    """What a robot does not know makes no line and no motion (checks 41, 42, 167)."""
+    """What a robot does not know makes no line and no motion (protocol 41, 42, 167)."""
     client = connect("{ClassName P3AT}")
     client.send(command)
     assert client.take() == []
@@ -373,14 +377,15 @@ def test_no_answer_and_no_effect(stage: Rehearsal, connect: Connect, command: st
 
 
 def test_names_with_other_letters(stage: Rehearsal, connect: Connect) -> None:
-    """Bytes beyond ASCII in a Name leave the segments behind it readable (check 52)."""
+    """Bytes beyond ASCII in a Name leave the segments behind it readable (protocol 52)."""
     client = connect("{ClassName P2AT} {Name B\xe9la \xfc} {Battery 77}")
     stage.run(0.3)
     assert "{Battery 76}" in client.take("STA")[-1]
 
 
 def test_questions_about_the_world() -> None:
-    """Path nodes and the nearest one are told, start poses before and after INIT (80, 81, 84)."""
+    """Path nodes and the nearest one are told, start poses before and after INIT (protocol 80, 81,
+    84)."""
     with Rehearsal(world="office") as stage:
         client = stage.connect()
         client.send("GETSTARTPOSES", "GETPATHNODES", "GETCLOSESTPATHNODE")

@@ -86,7 +86,7 @@ def _ground(heard: list[Heard], dialect: str) -> Iterator[tuple[Heard, str]]:
 
 
 def test_form_of_every_line(heard: list[Heard]) -> None:
-    """One blank between segments and words, none at the ends, nothing empty (checks 7, 8, 9)."""
+    """One blank between segments and words, none at the ends, nothing empty (protocol 7, 8, 9)."""
     count = 0
     for one in heard:
         assert len(one.stream) > 5, f"{one.robot} hardly speaks"
@@ -100,7 +100,7 @@ def test_form_of_every_line(heard: list[Heard]) -> None:
 
 
 def test_numbers_of_every_line(heard: list[Heard]) -> None:
-    """No exponent, nan, inf or decimal comma; vectors hold no blanks (checks 53, 54)."""
+    """No exponent, nan, inf or decimal comma; vectors hold no blanks (protocol 53, 54)."""
     for one in heard:
         for line in one.lines:
             assert not re.search(r"\b(nan|inf)\b|\d\.?[eE][-+]?\d", line), line
@@ -113,7 +113,7 @@ def test_numbers_of_every_line(heard: list[Heard]) -> None:
 
 
 def test_booleans_of_every_line(heard: list[Heard]) -> None:
-    """Booleans are True and False (checks 55, 118)."""
+    """Booleans are True and False (protocol 55, 118)."""
     words = {word for one in heard for line in one.lines for word in re.split(r"[{} ]", line)}
     assert {"True", "False"} <= words
     assert not {word for word in words if word.lower() in ("true", "false", "yes", "no")} - {
@@ -123,7 +123,7 @@ def test_booleans_of_every_line(heard: list[Heard]) -> None:
 
 
 def test_order_inside_sen(heard: list[Heard]) -> None:
-    """Time if any, Type, Name, then data; only the Camera has no Name (checks 94, 95)."""
+    """Time if any, Type, Name, then data; only the Camera has no Name (protocol 94, 95)."""
     form = re.compile(r"SEN (\{Time [\d.]+\} )?\{Type \w+\} \{Name [^}]+\}( \{[^}]+\})*")
     for one in heard:
         for line in one.stream:
@@ -133,7 +133,7 @@ def test_order_inside_sen(heard: list[Heard]) -> None:
 
 
 def test_time_or_no_time(heard: list[Heard]) -> None:
-    """In ut2004 the types of check 96 have Time or not; INS never has it (checks 96, 113)."""
+    """In ut2004 the types of protocol 96 have Time or not; INS never has it (protocol 96, 113)."""
     without = {"Odometry", "INS", "GPS", "Encoder", "Touch", "RFID", "HumanMotion", "Sound"}
     without |= {"CO2Sensor"}
     with_time = {"Sonar", "IR", "RangeScanner", "GroundTruth", "VictSensor"}
@@ -182,7 +182,8 @@ DIGITS: list[tuple[str, str, str, int, int]] = [
 
 @pytest.mark.parametrize(("head", "kind", "key", "ut2004", "udk"), DIGITS)
 def test_digits(heard: list[Heard], head: str, kind: str, key: str, ut2004: int, udk: int) -> None:
-    """Digits after the point follow table 2.2 in every line of both dialects (check 66)."""
+    """Digits after the point follow protocol table 2.2 in every line of both dialects
+    (protocol 66)."""
     for dialect, digits in (("ut2004", ut2004), ("udk", udk)):
         texts = [
             text
@@ -202,7 +203,8 @@ def test_digits(heard: list[Heard], head: str, kind: str, key: str, ut2004: int,
     ("head", "dialect", "digits"), [("MISSTA", "ut2004", 2), ("ASTA", "udk", 4)]
 )
 def test_digits_of_links(heard: list[Heard], head: str, dialect: str, digits: int) -> None:
-    """Links report Time by dialect and Value with four digits, counted from 1 (66, 5.2 no. 22)."""
+    """Links report Time by dialect and Value with four digits, counted from 1 (protocol 66, 5.2
+    no. 22)."""
     lines = [
         line
         for one in heard
@@ -223,7 +225,7 @@ def test_digits_of_links(heard: list[Heard], head: str, dialect: str, digits: in
 
 
 def test_length_of_lines(heard: list[Heard]) -> None:
-    """Scans stay below 2000 bytes, other streamed lines below 1024 (checks 106, 107)."""
+    """Scans stay below 2000 bytes, other streamed lines below 1024 (protocol 106, 107)."""
     for one in heard:
         for line in one.stream:
             kind = kind_of(line)
@@ -237,7 +239,7 @@ def test_length_of_lines(heard: list[Heard]) -> None:
 
 
 def test_ut2004_status(heard: list[Heard]) -> None:
-    """STA of every ground vehicle has the order that index-based clients need (checks 85, 89)."""
+    """STA of every ground vehicle has the order that index-based clients need (protocol 85, 89)."""
     form = re.compile(
         r"STA \{Type GroundVehicle\} \{Time \d+\.\d\d\} \{FrontSteer -?\d+\.\d{4}\} "
         r"\{RearSteer -?\d+\.\d{4}\}( \{\w+ -?\d+\.\d{4}\})* \{LightToggle (True|False)\} "
@@ -250,7 +252,7 @@ def test_ut2004_status(heard: list[Heard]) -> None:
 
 
 def test_status_always_has_its_type(heard: list[Heard]) -> None:
-    """Type is there in both dialects, so that nobody has to guess (5.2 no. 17)."""
+    """Type is there in both dialects, so that nobody has to guess (protocol 5.2 no. 17)."""
     for dialect in DIALECTS:
         assert all(kind_of(line) for _, line in _ground(heard, dialect))
 
@@ -265,7 +267,7 @@ def _reply(one: Heard, head: str, kind: str) -> list[str]:
 
 
 def test_robot_geometry_and_configuration(heard: list[Heard]) -> None:
-    """One line each, members in their order, the class as Name (checks 124, 129, 130, 133)."""
+    """One line each, members in their order, the class as Name (protocol 124, 129, 130, 133)."""
     geometry = ("Type", "Name", "Dimensions", "COG", "WheelRadius", "WheelSeparation", "WheelBase")
     drive = ("SteeringType", "Mass", "MaxSpeed", "MaxTorque", "MaxFrontSteer", "MaxRearSteer")
     wheeled = 0
@@ -287,7 +289,8 @@ def test_robot_geometry_and_configuration(heard: list[Heard]) -> None:
 
 
 def test_sensor_geometry(heard: list[Heard]) -> None:
-    """Multi-pair in ut2004, separate in udk, Name to Mount in order, all items (127, 134)."""
+    """Multi-pair in ut2004, separate in udk, Name to Mount in order, all items (protocol 127,
+    134)."""
     three = r"-?[\d.]+,-?[\d.]+,-?[\d.]+"
     forms = {
         "ut2004": rf"( \{{Name \S+ Location {three} Orientation {three} Mount \w+\}})+",
@@ -303,7 +306,7 @@ def test_sensor_geometry(heard: list[Heard]) -> None:
 
 
 def test_sensor_configuration(heard: list[Heard]) -> None:
-    """RangeScanner: MaxRange, MinRange, Resolution, Fov; Sonar: the limits (checks 136, 137)."""
+    """RangeScanner: MaxRange, MinRange, Resolution, Fov; Sonar: the limits (protocol 136, 137)."""
     for one in heard:
         panning = "Paning" if one.dialect == "ut2004" else "Panning"
         for line in _reply(one, "CONF", "RangeScanner"):
@@ -317,7 +320,7 @@ def test_sensor_configuration(heard: list[Heard]) -> None:
 
 
 def test_links_in_configuration_and_geometry(heard: list[Heard]) -> None:
-    """Arms answer for Actuator and MisPkg in both dialects, links from 1 (checks 139-141)."""
+    """Arms answer for Actuator and MisPkg in both dialects, links from 1 (protocol 139-141)."""
     arms = 0
     for one in heard:
         actuator, package = _reply(one, "CONF", "Actuator"), _reply(one, "CONF", "MisPkg")

@@ -52,7 +52,7 @@ RANGES = {
 
 
 def test_figures_of_nao() -> None:
-    """Ranges, forces, damping, masses and the status period are those of 1.7."""
+    """Ranges, forces, damping, masses and the status period are those of robots 1.7."""
     links = {link.joint: link for link in NAO.links}
     assert {name: link.limits for name, link in links.items()} == RANGES
     for name, link in links.items():
@@ -68,7 +68,7 @@ def test_figures_of_nao() -> None:
 
 
 def test_the_right_hip_follows_the_left_one() -> None:
-    """RHipYawPitch has no drive of its own (5.1 #11)."""
+    """RHipYawPitch has no drive of its own (robots 11)."""
     followers = {link.joint: link.follows for link in NAO.links if link.follows}
     assert followers == {"RHipYawPitch": "LHipYawPitch"}
 
@@ -101,7 +101,7 @@ def test_status_of_both_eras() -> None:
 
 @pytest.mark.parametrize("dialect", Dialect)
 def test_drive_is_refused(dialect: Dialect) -> None:
-    """Wheels, wings and propellers are not for legs; only the lamp obeys (5.2 #48)."""
+    """Wheels, wings and propellers are not for legs; only the lamp obeys (robots 48)."""
     driver = Driver(NAO, dialect)
     assert not driver.send(left=1.0, right=1.0)
     assert not driver.send(speed=1.0, front_steer=0.2, rear_steer=0.2, normalized=True)
@@ -173,7 +173,8 @@ def look(vehicle: Vehicle) -> RobotBody:
 
 
 def test_every_joint_obeys_its_limits(stage: Rehearsal, spawn: Spawn) -> None:
-    """Told to go far beyond either end, every joint of Nao stops at its limit (5.1 #11, 160)."""
+    """Told to go far beyond either end, every joint of Nao stops at its limit (robots 11,
+    protocol 160)."""
     client, vehicle = spawn("Nao")
     for sign in (1.0, -1.0):
         # The floor is in the way of legs, so only the others have to get to their ends.
@@ -191,7 +192,7 @@ def test_every_joint_obeys_its_limits(stage: Rehearsal, spawn: Spawn) -> None:
 
 
 def test_the_right_hip_goes_along(stage: Rehearsal, spawn: Spawn) -> None:
-    """RHipYawPitch takes the position of LHipYawPitch, and no orders of its own (5.1 #11)."""
+    """RHipYawPitch takes the position of LHipYawPitch, and no orders of its own (robots 11)."""
     client, vehicle = spawn("USARBot.Nao")
     client.send("SET {Type Joint} {Name LHipYawPitch} {Opcode Angle} {Params -0.3}")
     client.send("SET {Type Joint} {Name RHipYawPitch} {Opcode Angle} {Params 0.7}")
@@ -202,7 +203,7 @@ def test_the_right_hip_goes_along(stage: Rehearsal, spawn: Spawn) -> None:
 
 
 def test_it_stands_and_drive_does_not_move_it(stage: Rehearsal, spawn: Spawn) -> None:
-    """Nao stands upright on its own; DRIVE with sides moves neither body nor joints (5.2 #48)."""
+    """Nao stands upright on its own; DRIVE with sides moves neither body nor joints (robots 48)."""
     client, vehicle = spawn("Nao")
     stage.run(1.5)
     before = look(vehicle)
@@ -217,7 +218,7 @@ def test_it_stands_and_drive_does_not_move_it(stage: Rehearsal, spawn: Spawn) ->
 
 
 def test_status_lines_come_every_hundredth_of_a_second(stage: Rehearsal, spawn: Spawn) -> None:
-    """Nao's STA tells all joints in model order 100 times per second (1.7)."""
+    """Nao's STA tells all joints in model order 100 times per second (robots 1.7)."""
     client, _ = spawn("Nao")
     stage.run(0.5)
     client.take()
@@ -231,7 +232,7 @@ def test_status_lines_come_every_hundredth_of_a_second(stage: Rehearsal, spawn: 
 
 @pytest.mark.parametrize("name", [one for one in LEGGED if one != "Nao"])
 def test_the_others_stand_too(stage: Rehearsal, spawn: Spawn, name: str) -> None:
-    """ERS and QRIO stand where they are put, and a joint goes where it is told (155)."""
+    """ERS and QRIO stand where they are put, and a joint goes where it is told (protocol 155)."""
     client, vehicle = spawn(name)
     stage.run(1.5)
     assert look(vehicle).pose.rotate((0.0, 0.0, 1.0))[2] > 0.98

@@ -75,7 +75,8 @@ def test_links_are_read_into_the_simulation_frame(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("dialect", "speed"), [("ut2004", 0.1745), ("udk", 1.571)])
 def test_defaults_of_links(tmp_path: Path, dialect: str, speed: float) -> None:
-    """Speed by era, torque 20, no damping, no stops, axis down, home at zero (1.6, 1.9, 1.10)."""
+    """Speed by era, torque 20, no damping, no stops, axis down, home at zero (robots 1.6, 1.9,
+    1.10)."""
     robot = load(tmp_path, actuator=[one_link()], dialect=dialect)
     (link,) = robot.actuators[0].links
     assert (link.max_speed, link.max_torque, link.damping) == (speed, 20.0, 0.0)
@@ -140,7 +141,7 @@ def test_effectors_are_read(tmp_path: Path) -> None:
 
 
 def test_mass_counts_everything_that_hangs_on_the_robot(tmp_path: Path) -> None:
-    """Links, fingers and mounted effectors weigh, loose ones do not (5.1 #8)."""
+    """Links, fingers and mounted effectors weigh, loose ones do not (robots 8)."""
     loose = {"type": "Gripper", "name": "Spare", "detached": True, "shape": [PIECE]}
     loose["finger"] = [FINGER]
     bare = load_robot(write(tmp_path, "Bare", table())).report.mass

@@ -47,7 +47,7 @@ def test_small_file_loads_with_defaults(tmp_path: Path) -> None:
 
 
 def test_wire_frame_becomes_simulation_frame(tmp_path: Path) -> None:
-    """y right and z down in the file are y left and z up inside (5.1 #15)."""
+    """y right and z down in the file are y left and z up inside (robots 15)."""
     robot = load(
         tmp_path,
         shape=[{**SHAPE, "position": [0.1, 0.2, -0.3], "rotation": [0.1, 0.2, 0.3]}],
@@ -83,7 +83,7 @@ def test_wheel_on_the_middle_line_needs_a_side(tmp_path: Path) -> None:
 
 
 def test_report_follows_from_wheels_and_masses(tmp_path: Path) -> None:
-    """GEO and CONF geometry, radius and mass come from the body, not from keys (5.1 #19)."""
+    """GEO and CONF geometry, radius and mass come from the body, not from keys (robots 19)."""
     report = load(tmp_path).report
     assert report.wheel_radius == 0.1
     assert report.track_width == 0.3
@@ -163,7 +163,7 @@ def test_battery_table_and_its_absence(tmp_path: Path) -> None:
 def test_two_items_of_one_type_and_name_only_warn(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """AirRobot's two GPS: the same type and name twice is a warning, not an error (5.1 #16)."""
+    """AirRobot's two GPS: the same type and name twice is a warning, not an error (robots 16)."""
     gps = {"type": "GPS", "name": "GPS"}
     with caplog.at_level(logging.WARNING, logger="usarsim"):
         robot = load(tmp_path, sensor=[gps, gps])
@@ -174,7 +174,7 @@ def test_two_items_of_one_type_and_name_only_warn(
 def test_one_name_for_items_of_different_types_is_fine(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """A sonar and a touch sensor may share a name without a word (5.1 #16)."""
+    """A sonar and a touch sensor may share a name without a word (robots 16)."""
     with caplog.at_level(logging.WARNING, logger="usarsim"):
         robot = load(
             tmp_path, sensor=[{"type": "GPS", "name": "X"}, {"type": "Touch", "name": "X"}]
@@ -324,7 +324,7 @@ def test_variant_with_another_body_is_a_model_of_its_own(
 
 
 def test_variant_with_other_wheels_announces_them(tmp_path: Path) -> None:
-    """New wheels change radius, track, dimensions and rest height of a variant (5.1 #19)."""
+    """New wheels change radius, track, dimensions and rest height of a variant (robots 19)."""
     wheels = [
         {**LEFT, "radius": 0.2, "position": [0.0, -0.25, 0.05]},
         {**RIGHT, "radius": 0.2, "position": [0.0, 0.25, 0.05]},

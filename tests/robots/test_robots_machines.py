@@ -60,7 +60,8 @@ KINDS = {
 
 @pytest.mark.parametrize("name", NAMES.split())
 def test_every_class_of_the_reference_is_there(name: str) -> None:
-    """Class names and aliases of 1.1 are found in any case, with a package (5.1 #1, #2, #3)."""
+    """Class names and aliases of robots 1.1 are found in any case, with a package (robots 1, 2,
+    3)."""
     robot = ROSTER.find(f"USARBot.{name}")
     assert robot is not None
     for spelling in (name.lower(), name.upper()):
@@ -72,7 +73,7 @@ def test_every_class_of_the_reference_is_there(name: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_kinds(kind: str) -> None:
-    """Classes belong to the families of 1.1, and every family has one."""
+    """Classes belong to the families of robots 1.1, and every family has one."""
     for name in KINDS[kind].split():
         assert ROBOTS[name].kind == kind
     assert set(KINDS) <= set(families())
@@ -124,7 +125,8 @@ two driven wheels, the base is that to the casters."""
 
 @pytest.mark.parametrize("name", UDK_WHEELED)
 def test_figures_of_udk_vehicles(name: str) -> None:
-    """Track, base, radius and limit of 1.2 and 1.4, torque 50000; Dimensions repeat them (5.1 #7).
+    """Track, base, radius and limit, torque 50000; Dimensions repeat them (robots 1.2, 1.4
+    and 7).
 
     The track is that from the left front to the right rear wheel.
     """
@@ -140,7 +142,7 @@ def test_figures_of_udk_vehicles(name: str) -> None:
 
 
 def test_masses_of_udk_vehicles() -> None:
-    """BasicSkidRobot 14 kg, CasterSkidRobot 13 kg, Kiva4Wheel the sum of its parts (5.1 #7)."""
+    """BasicSkidRobot 14 kg, CasterSkidRobot 13 kg, Kiva4Wheel the sum of its parts (robots 7)."""
     assert ROBOTS["BasicSkidRobot"].report.mass == pytest.approx(14.0)
     assert ROBOTS["CasterSkidRobot"].report.mass == pytest.approx(13.0)
     kiva = ROBOTS["Kiva4Wheel"]
@@ -156,7 +158,8 @@ def place(name: str, link: str) -> tuple[float, ...]:
 
 
 def test_places_of_udk_parts() -> None:
-    """Casters, grippers and arms hang where 1.2, 1.4 and 1.9 have them; z up is negative (#15)."""
+    """Casters, grippers and arms hang where robots 1.2, 1.4 and 1.9 have them; z up is negative
+    (robots 15)."""
     (caster,) = ROBOTS["CasterSkidRobot"].casters
     assert caster.position == pytest.approx((0.384, 0.0, -0.136))
     kiva = ROBOTS["Kiva4Wheel"]
@@ -198,13 +201,13 @@ LINKS = {
 
 @pytest.mark.parametrize("name", LINKS)
 def test_ranges_of_arms(name: str) -> None:
-    """Arm platforms have the ranges and forces of 1.9 (5.1 #12)."""
+    """Arm platforms have the ranges and forces of robots 1.9 (robots 12)."""
     (arm,) = ROBOTS[name].actuators
     assert [(link.limits, link.max_torque) for link in arm.links] == LINKS[name]
 
 
 def test_ranges_of_other_arms() -> None:
-    """The rail, the KUKA arm and the forks: 1.9 (5.1 #12)."""
+    """The rail, the KUKA arm and the forks (robots 1.9, 12)."""
     rail, arm = ROBOTS["Fanuc_Robot_And_Rail"].actuators
     assert [(one.limits, one.max_torque, one.damping) for one in rail.links] == [
         ((-1.5, 1.5), 30, 10)
@@ -245,12 +248,13 @@ STARTING = {
     "ERS": (1.6, None),
     "QRIO": (7.3, None),
 }
-"""Mass (kg) and top speed (m/s) of 1.11."""
+"""Mass (kg) and top speed (m/s) of robots 1.11."""
 
 
 @pytest.mark.parametrize("name", STARTING)
 def test_starting_values(name: str) -> None:
-    """Robots without recoverable numbers have the masses and speeds that 1.11 starts from."""
+    """Robots without recoverable numbers have the masses and speeds that robots 1.11 starts
+    from."""
     robot, (mass, speed) = ROBOTS[name], STARTING[name]
     assert robot.report.mass == pytest.approx(mass, rel=0.06)
     if speed is not None:
@@ -259,7 +263,7 @@ def test_starting_values(name: str) -> None:
 
 
 def test_captured_figures() -> None:
-    """Sizes of Zerg, ATRVJr and P2DX come from clients and captures (1.6)."""
+    """Sizes of Zerg, ATRVJr and P2DX come from clients and captures (robots 1.6)."""
     zerg, atrv = ROBOTS["Zerg"].report, ROBOTS["ATRVJr"].report
     assert (zerg.wheel_radius, zerg.track_width) == (0.0606, 0.19)
     assert zerg.dimensions[:2] == (0.3, 0.3)
@@ -293,7 +297,8 @@ def _floor() -> mujoco.MjSpec:
 
 @pytest.mark.parametrize("name", GROUND)
 def test_dropped_from_a_metre_it_stands(name: str) -> None:
-    """It rests within 1 cm of its rest height after 3 s, upright, and bounces < 5 cm (5.1 #17)."""
+    """It rests within 1 cm of its rest height after 3 s, upright, and bounces < 5 cm
+    (robots 17)."""
     robot = ROBOTS[name]
     engine = Engine(_floor, PhysicsOptions(), [robot_model(robot)])
     engine.occupy(0, 0, Pose((0.0, 0.0, robot.rest_height + 1.0)))
@@ -325,7 +330,7 @@ def platforms() -> Iterator[tuple[Rehearsal, dict[str, RehearsedClient]]]:
 
 
 def test_platforms_stand(platforms: tuple[Rehearsal, dict[str, RehearsedClient]]) -> None:
-    """Neither DRIVE nor gravity nor a truck that drives into it moves a platform (5.1 #13)."""
+    """Neither DRIVE nor gravity nor a truck that drives into it moves a platform (robots 13)."""
     stage, clients = platforms
     stage.run(0.5)
     before = {name: stage.robot_state(name).pose.position for name in STATIC}
@@ -348,7 +353,7 @@ def test_platforms_stand(platforms: tuple[Rehearsal, dict[str, RehearsedClient]]
 def test_arms_list_their_links_from_one(
     platforms: tuple[Rehearsal, dict[str, RehearsedClient]],
 ) -> None:
-    """ASTA names every link of every arm in chain order, counted from 1 (5.1 #12)."""
+    """ASTA names every link of every arm in chain order, counted from 1 (robots 12)."""
     stage, clients = platforms
     stage.run(0.5)
     checked = 0
@@ -363,7 +368,7 @@ def test_arms_list_their_links_from_one(
 
 
 def test_an_unknown_class_leaves_the_connection_usable() -> None:
-    """INIT of a class that nobody described is an error; the next INIT succeeds (5.1 #1)."""
+    """INIT of a class that nobody described is an error; the next INIT succeeds (robots 1)."""
     with Rehearsal(world="empty") as stage:
         client = stage.connect()
         client.send("INIT {ClassName USARBot.NoSuchRobot} {Location 0,0,-1}")
@@ -375,9 +380,9 @@ def test_an_unknown_class_leaves_the_connection_usable() -> None:
 
 @pytest.mark.parametrize("name", ["Sedan", "Lisa", "SegwayRMPFifty", "Kenaf", "Nao"])
 def test_an_overturned_robot_rights_itself_in_ut2004_only(name: str) -> None:
-    """`Flip true` sets it on its wheels or feet in `ut2004` and does nothing in `udk` (5.2 #50).
+    """`Flip true` sets it on its wheels or feet in `ut2004` and does nothing in `udk` (robots 50).
 
-    It is harmless for a robot that stands (153).
+    It is harmless for a robot that stands (protocol 153).
     """
     robot = ROBOTS[name]
     with Rehearsal(world="empty") as stage:
@@ -402,7 +407,7 @@ def test_an_overturned_robot_rights_itself_in_ut2004_only(name: str) -> None:
 
 
 def test_classes_come_one_after_the_other() -> None:
-    """One client after the other spawns a class of another family, from 2 m (1.1)."""
+    """One client after the other spawns a class of another family, from 2 m (robots 1.1)."""
     names = ["Hummer", "AirRobot", "Submarine", "QRIO", "Lisa", "Talon", "KR6", "Zerg"]
     with Rehearsal(world="empty") as stage:
         for name, number in zip(names, itertools.count()):

@@ -80,7 +80,7 @@ def test_structure(name: str) -> None:
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_announced_mass_is_the_mass_of_the_bodies(name: str) -> None:
-    """CONF Mass equals the sum of all masses that hang on the robot within 0.1 % (5.1 #8).
+    """CONF Mass equals the sum of all masses that hang on the robot within 0.1 % (robots 8).
 
     Mission packages are included, tools that lie beside it are not.
     """
@@ -90,7 +90,7 @@ def test_announced_mass_is_the_mass_of_the_bodies(name: str) -> None:
 
 
 def test_mass_centre_of_the_real_p3at() -> None:
-    """The real-size P3AT has its mass centre 0.15 m above the ground (4.1)."""
+    """The real-size P3AT has its mass centre 0.15 m above the ground (robots 4.1)."""
     robot = ROBOTS["P3AT_real"]
     model = on_floor(robot, 0.0)
     data = mujoco.MjData(model)
@@ -118,7 +118,7 @@ def test_mass_centre_is_low_and_between_the_wheels(name: str) -> None:
 
 
 def test_servos_have_gain_and_limit_of_the_file(tmp_path: Path) -> None:
-    """Velocity servos carry the gain and the torque limit of the drive table (4.10)."""
+    """Velocity servos carry the gain and the torque limit of the drive table (robots 4.10)."""
     drive = {"max_wheel_speed": 5, "servo_gain": 7.0, "wheel_torque": 3.0}
     robot = load_robot(write(tmp_path, "Test", table(drive=drive)))
     model = build_spec(robot).compile()
@@ -133,7 +133,7 @@ def test_servos_have_gain_and_limit_of_the_file(tmp_path: Path) -> None:
 
 
 def test_contact_settings() -> None:
-    """Friction, condim, solver settings and armature are those of 4.10."""
+    """Friction, condim, solver settings and armature are those of robots 4.10."""
     model = build_spec(ROBOTS["P2DX"]).compile()
     for wheel in ROBOTS["P2DX"].wheels:
         geom = model.geom(wheel.name)
@@ -207,9 +207,9 @@ def test_tree_may_sleep() -> None:
 
 @pytest.mark.parametrize("name", MODELS)
 def test_settles_at_rest_height(name: str) -> None:
-    """Set down, every robot rests within 1 cm of its rest height, upright (5.1 #17, 5.3 #63).
+    """Set down, every robot rests within 1 cm of its rest height, upright (robots 17, 63).
 
-    Penetration is below 1 mm, and no part of it ever touches another (5.3 #61).
+    Penetration is below 1 mm, and no part of it ever touches another (robots 61).
     """
     robot = ROBOTS[name]
     model = on_floor(robot, 0.01)
@@ -228,7 +228,7 @@ def test_settles_at_rest_height(name: str) -> None:
 
 @pytest.mark.parametrize("name", MODELS)
 def test_settles_from_one_metre(name: str) -> None:
-    """Dropped from 1 m it is at rest height within 3 s and bounces less than 5 cm (5.1 #17)."""
+    """Dropped from 1 m it is at rest height within 3 s and bounces less than 5 cm (robots 17)."""
     robot = ROBOTS[name]
     model = on_floor(robot, 1.0)
     data = mujoco.MjData(model)
@@ -246,7 +246,7 @@ def test_settles_from_one_metre(name: str) -> None:
 
 @pytest.mark.parametrize("name", MODELS)
 def test_positive_spin_rolls_forward(name: str) -> None:
-    """Equal positive wheel speeds drive along +x at r w, without touching itself (5.3 #61)."""
+    """Equal positive wheel speeds drive along +x at r w, without touching itself (robots 61)."""
     robot = ROBOTS[name]
     assert speed(robot, 1.2) == pytest.approx(1.2 * robot.report.wheel_radius, rel=0.01)
 
@@ -264,7 +264,7 @@ def speed(robot: RobotDescription, spin: float) -> float:
 
 
 def test_wheel_radius_changes_report_and_motion_together(tmp_path: Path) -> None:
-    """The robot record is data: another radius changes GEO and speed alike (5.1 #19)."""
+    """The robot record is data: another radius changes GEO and speed alike (robots 19)."""
     ratios = []
     for radius in (0.08, 0.12):
         z = 0.15 - radius
@@ -284,7 +284,7 @@ def test_wheel_radius_changes_report_and_motion_together(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("name", ["P2AT", "P3AT", "P3AT_real"])
 def test_left_faster_turns_right(name: str) -> None:
-    """The left side faster turns clockwise seen from above (5.2 #34)."""
+    """The left side faster turns clockwise seen from above (robots 34)."""
     robot = ROBOTS[name]
     model = on_floor(robot, 0.0)
     data = mujoco.MjData(model)

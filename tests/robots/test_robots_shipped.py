@@ -70,7 +70,7 @@ def mounts(robot: RobotDescription) -> list[tuple[str, str, tuple[float, ...], t
 
 
 def test_p3at_geo_prints_as_captured() -> None:
-    """P3AT GEO: Dimensions 0.2480,0.3600,0; 0.0980; 0.3600; 0.2480 (5.1 #4)."""
+    """P3AT GEO: Dimensions 0.2480,0.3600,0; 0.0980; 0.3600; 0.2480 (robots 4)."""
     line = geo("P3AT")
     assert "{Dimensions 0.2480,0.3600,0" in line
     assert "{WheelRadius 0.0980}" in line
@@ -79,7 +79,7 @@ def test_p3at_geo_prints_as_captured() -> None:
 
 
 def test_p3at_conf_prints_as_captured() -> None:
-    """P3AT CONF: SkidSteered, Mass 11.9000, MaxSpeed 1.2999, MaxTorque 50000 (5.1 #5)."""
+    """P3AT CONF: SkidSteered, Mass 11.9000, MaxSpeed 1.2999, MaxTorque 50000 (robots 5)."""
     line = conf("P3AT", Dialect.UDK)
     assert "{SteeringType SkidSteered}" in line
     assert "{Mass 11.9000}" in line
@@ -89,7 +89,7 @@ def test_p3at_conf_prints_as_captured() -> None:
 
 
 def test_p2at_geo_and_conf_print_as_captured() -> None:
-    """P2AT GEO and CONF carry the captured figures (5.1 #6)."""
+    """P2AT GEO and CONF carry the captured figures (robots 6)."""
     line = geo("P2AT")
     assert "{Dimensions 0.5238,0.4968,0.2913} {COG 0.0000,0.0000,0.0000}" in line
     assert "{WheelRadius 0.1300} {WheelSeparation 0.4712} {WheelBase 0.2884}" in line
@@ -99,13 +99,13 @@ def test_p2at_geo_and_conf_print_as_captured() -> None:
 
 
 def test_p2at_top_speed() -> None:
-    """P2AT's wheel limit times its radius is the 0.700 m/s of 1.2."""
+    """P2AT's wheel limit times its radius is the 0.700 m/s of robots 1.2."""
     robot = ROBOTS["P2AT"]
     assert robot.drive.max_wheel_speed * robot.report.wheel_radius == pytest.approx(0.700, abs=5e-4)
 
 
 def test_p3at_default_items_in_order() -> None:
-    """P3AT carries the items of 1.2.1 with their poses in that order (5.1 #14)."""
+    """P3AT carries the items of robots 1.2.1 with their poses in that order (robots 14)."""
     assert mounts(ROBOTS["P3AT"])[:7] == [
         ("GroundTruth", "GndTruth", (0, 0, 0), (0, 0, 0)),
         ("INS", "InsTest", (0, 0, -0.2), (0, 0, 0)),
@@ -147,7 +147,8 @@ def test_p2at_part_order() -> None:
     [("P2AT", AT_FRONT, RING), ("P2DX", DX_FRONT, RING[:8]), ("P3DX", DX_FRONT, RING[:8])],
 )
 def test_sonar_rings(name: str, front: list[tuple[float, float, float]], names: list[str]) -> None:
-    """Sonars F1..F8, on P2AT then R1..R8, are where 1.6 says; left ones have negative y (#15)."""
+    """Sonars F1..F8, on P2AT then R1..R8, are where robots 1.6 says; left ones have negative y
+    (robots 15)."""
     left = [(x, -y, -yaw) for x, y, yaw in front]
     right = [(x, y, yaw) for x, y, yaw in reversed(front)]
     # Clockwise from the left: the rear starts on the right.
@@ -202,13 +203,13 @@ def test_p2at_item_names_that_clients_look_for() -> None:
 
 
 def test_p2at_scanner() -> None:
-    """Scanner1 is mounted at (0.1439, 0, -0.0920) (1.6)."""
+    """Scanner1 is mounted at (0.1439, 0, -0.0920) (robots 1.6)."""
     mount = next(mount for mount in mounts(ROBOTS["P2AT"]) if mount[1] == "Scanner1")
     assert mount[2:] == ((0.1439, 0, -0.092), (0, 0, 0))
 
 
 def test_gazebo_robots() -> None:
-    """The 2015 robots have the prototype's wheels, masses, laser and encoder names (1.8)."""
+    """The 2015 robots have the prototype's wheels, masses, laser and encoder names (robots 1.8)."""
     at, dx = ROBOTS["pioneer3at_with_sensors"], ROBOTS["pioneer2dx_with_sensors"]
     assert (at.report.wheel_radius, at.report.track_width, at.report.wheel_base) == (
         0.110,
@@ -228,7 +229,7 @@ def test_gazebo_robots() -> None:
 
 
 def test_real_p3at_is_the_model_of_the_validation() -> None:
-    """P3AT_real has the anchors, masses and limit of 4.1."""
+    """P3AT_real has the anchors, masses and limit of robots 4.1."""
     robot = ROBOTS["P3AT_real"]
     assert robot.report.track_width == pytest.approx(2 * 0.197)
     assert robot.report.wheel_base == pytest.approx(2 * 0.1331)
@@ -259,7 +260,7 @@ def test_eras_kinds_and_batteries(name: str) -> None:
     """Every class speaks as its era did, has wheels as its kind needs, and power enough.
 
     Platforms have neither wheels nor a battery, and the original's Nao has none among its items
-    (1.7); STA shows 99999 for them.
+    (robots 1.7); STA shows 99999 for them.
     """
     robot = ROBOTS[name]
     assert robot.dialect is (Dialect.UDK if name in UDK else Dialect.UT2004)
@@ -277,7 +278,7 @@ def test_eras_kinds_and_batteries(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["P2AT", "P2DX", "P3AT", "P3DX", "Kenaf", "ATRVJr", "Talon"])
 def test_batteries_of_the_original(name: str) -> None:
-    """1200 s, unless a source says otherwise (1.6, 2.10)."""
+    """1200 s, unless a source says otherwise (robots 1.6, 2.10)."""
     battery = ROBOTS[name].battery
     assert battery is not None
     assert battery.life == 1200
@@ -291,7 +292,7 @@ def test_casters_belong_to_differential_robots() -> None:
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_every_sensor_of_every_robot_can_be_made(name: str) -> None:
-    """No shipped file names a sensor type or a parameter that does not exist (5.1 #1)."""
+    """No shipped file names a sensor type or a parameter that does not exist (robots 1)."""
     robot = ROBOTS[name]
     for item in robot.items:
         context = SensorContext(robot, WORLD, np.random.default_rng(0))

@@ -50,7 +50,7 @@ LIMITS = {
 
 @pytest.mark.parametrize("name", LIMITS)
 def test_joints_have_the_ranges_of_the_reference(name: str) -> None:
-    """Arms and pan-tilts have the ranges, forces and damping of 1.9 and 1.10 (5.1 #12)."""
+    """Arms and pan-tilts have the ranges, forces and damping of robots 1.9 and 1.10 (robots 12)."""
     (actuator,) = ROBOTS[name].actuators
     assert [
         (link.type.value, link.limits, link.max_torque, link.damping) for link in actuator.links
@@ -63,7 +63,7 @@ def test_joints_have_the_ranges_of_the_reference(name: str) -> None:
     + [(name, 1.571) for name in ("Fanuc_M16iB20", "KUKA_LWR_BOT", "KinectBot", "Kiva4Wheel")],
 )
 def test_packages_move_as_fast_as_their_era_announced(name: str, speed: float) -> None:
-    """0.1745 rad/s in UT2004, 1.571 rad/s in UDK (1.10)."""
+    """0.1745 rad/s in UT2004, 1.571 rad/s in UDK (robots 1.10)."""
     links = [link for one in ROBOTS[name].actuators if one.package for link in one.links]
     assert {link.max_speed for link in links} == {speed}
 
@@ -80,7 +80,8 @@ def test_every_joint_can_move() -> None:
 
 
 def test_kr60_anchors_and_masses() -> None:
-    """The joints of KR60 stand where 1.9 has them, with its masses, tool changer and gripper."""
+    """The joints of KR60 stand where robots 1.9 has them, with its masses, tool changer and
+    gripper."""
     robot = ROBOTS["KR60"]
     links = robot.actuators[0].links
     anchors = [wire_from_pose(robot.home_pose(link.body))[0] for link in links]
@@ -104,7 +105,7 @@ def test_kr60_anchors_and_masses() -> None:
 
 
 def test_p2at_carries_its_camera_on_the_pan_tilt() -> None:
-    """Pan-tilt at (0.12, 0, -0.2), tilt 0.05 above, 14 kg with it (1.6, 1.10)."""
+    """Pan-tilt at (0.12, 0, -0.2), tilt 0.05 above, 14 kg with it (robots 1.6, 1.10)."""
     robot = ROBOTS["P2AT"]
     (actuator,) = robot.actuators
     assert actuator.name == "CameraPanTilt"
@@ -116,7 +117,7 @@ def test_p2at_carries_its_camera_on_the_pan_tilt() -> None:
 
 
 def test_p3at_arm_is_a_p3at_with_an_arm() -> None:
-    """The arm stands at (0.1, 0.043724, -0.357424) (1.2.1); everything else is P3AT's."""
+    """The arm stands at (0.1, 0.043724, -0.357424) (robots 1.2.1); everything else is P3AT's."""
     robot, plain = ROBOTS["P3AT_arm"], ROBOTS["P3AT"]
     (actuator,) = robot.actuators
     assert wire_from_pose(actuator.pose)[0] == pytest.approx((0.1, 0.043724, -0.357424))
@@ -127,7 +128,8 @@ def test_p3at_arm_is_a_p3at_with_an_arm() -> None:
 
 @pytest.mark.parametrize("name", ["MultiView", "ReferenceGPSCoordinate"])
 def test_map_objects_are_motionless_and_out_of_the_way(name: str) -> None:
-    """What was no robot stands where it is put, measures nothing and is in nobody's way (1.1)."""
+    """What was no robot stands where it is put, measures nothing and is in nobody's way
+    (robots 1.1)."""
     robot = ROBOTS[name]
     assert robot.kind == "static"
     assert not robot.items
@@ -136,7 +138,7 @@ def test_map_objects_are_motionless_and_out_of_the_way(name: str) -> None:
 
 
 def test_youbot_and_pr2_are_driven_by_sides() -> None:
-    """The manipulators of the bridge obey Left and Right as every robot there did (1.1)."""
+    """The manipulators of the bridge obey Left and Right as every robot there did (robots 1.1)."""
     youbot, pr2 = ROBOTS["youBot"], ROBOTS["PR2"]
     assert (youbot.report.wheel_radius, youbot.report.track_width) == (0.0475, 0.30)
     assert youbot.report.wheel_base == 0.471

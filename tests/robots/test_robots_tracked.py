@@ -22,7 +22,7 @@ FLIPPERS = ("FRFlipper", "FLFlipper", "RRFlipper", "RLFlipper")
 
 
 def test_aliases() -> None:
-    """#2, #3: names in any case, TarantulaSIED, and colours of the crawler."""
+    """Robots 2, 3: names in any case, TarantulaSIED, and colours of the crawler."""
     assert shipped("USARBot.kenaf").name == "Kenaf"
     assert shipped("TarantulaSIED").model == "Tarantula"
     assert shipped("TarantulaSIED").name == "TarantulaSIED"
@@ -62,7 +62,7 @@ def test_figures_of_the_others(
     name: str, mass: float, speed: float, length: float, width: float
 ) -> None:
     """Robots reference 1.11 and 1.8: mass, top speed, footprint; CONF tells the mass of the
-    bodies (#8)."""
+    bodies (robots 8)."""
     robot = shipped(name)
     assert robot.report.mass == pytest.approx(mass)
     top = robot.drive.max_wheel_speed * robot.driven_wheels[0].radius
@@ -138,7 +138,8 @@ def crowd() -> Iterator[Rehearsal]:
 @pytest.mark.parametrize("row", [0, 1])
 @pytest.mark.parametrize("name", TRACKED)
 def test_settles_from_high_up(crowd: Rehearsal, name: str, row: int) -> None:
-    """#17: dropped from 1.4 or 2.1 m every class stands upright at its rest height after 3 s."""
+    """Robots 17: dropped from 1.4 or 2.1 m every class stands upright at its rest height after 3
+    s."""
     state = crowd.robot_state(f"{name}{row}")
     x, y, z = state.pose.position
     assert z == pytest.approx(shipped(name).rest_height, abs=0.002)
@@ -148,7 +149,7 @@ def test_settles_from_high_up(crowd: Rehearsal, name: str, row: int) -> None:
 
 
 def test_nobody_drifts(crowd: Rehearsal) -> None:
-    """#64: what stands stays where it is."""
+    """Robots 64: what stands stays where it is."""
     before = {one.name: one.body.look() for one in crowd.assembly.robots.vehicles}
     crowd.run(5.0)
     for one in crowd.assembly.robots.vehicles:
@@ -159,7 +160,7 @@ def test_nobody_drifts(crowd: Rehearsal) -> None:
 
 
 def test_flippers_of_ut2004() -> None:
-    """Protocol 6.6 #88, 6.9 #154: MULTIDRIVE in any case; STA lists FR, FL, RR, RL between
+    """Protocol 88 and 154: MULTIDRIVE in any case; STA lists FR, FL, RR, RL between
     RearSteer and LightToggle; a missing one keeps its angle."""
     with Rehearsal(world="empty") as stage:
         client = stage.connect()
@@ -222,8 +223,8 @@ def test_crawler_appears_with_raised_flippers() -> None:
 
 
 def test_drive_and_odometry() -> None:
-    """#22, #34: Kenaf goes at its belts' speed and turns clockwise with the left side faster; its
-    odometry tells the way that it has gone."""
+    """Robots 22, 34: Kenaf goes at its belts' speed and turns clockwise with the left side faster;
+    its odometry tells the way that it has gone."""
     with Rehearsal(world="empty") as stage:
         client = stage.connect()
         client.send("INIT {ClassName Kenaf} {Location 0,0,-0.09}")

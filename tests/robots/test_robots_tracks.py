@@ -346,7 +346,7 @@ def traction(engine: Engine, side: str) -> float:
 
 @pytest.mark.parametrize("torque", [3.0, 5.3])
 def test_belts_at_a_wall_pull_no_more_than_their_drive(torque: float) -> None:
-    """#59: ground and wall share the thrust of a side, torque over radius of its sprocket."""
+    """Robots 59: ground and wall share the thrust of a side, torque over radius of its sprocket."""
     kenaf = shipped("Kenaf")
     robot = replace(kenaf, model="Test", drive=replace(kenaf.drive, wheel_torque=torque))
     engine = Engine(walled, PhysicsOptions(), slots=(robot_model(robot),))

@@ -67,7 +67,7 @@ def test_limits_and_percent(tmp_path: Path, dialect: Dialect) -> None:
 
 @pytest.mark.parametrize("dialect", Dialect)
 def test_other_families_do_nothing(dialect: Dialect) -> None:
-    """It ignores DRIVE keys of other families (5.2 #49)."""
+    """It ignores DRIVE keys of other families (robots 49)."""
     driver = Driver(SUBMARINE, dialect)
     assert not driver.send(left=1.0, right=1.0, speed=1.0, front_steer=0.1, rear_steer=0.1)
     assert not driver.send(linear_velocity=1.0, altitude_velocity=1.0, light=True)
@@ -117,7 +117,7 @@ def test_without_power_the_propeller_stops() -> None:
 
 
 def test_water_carries_it() -> None:
-    """Weight and buoyancy are in balance (1.11)."""
+    """Weight and buoyancy are in balance (robots 1.11)."""
     model = build_spec(SUBMARINE).compile()
     assert model.body_gravcomp[model.body("base").id] == 1.0
     assert SUBMARINE.report.mass == 300.0
@@ -166,7 +166,7 @@ def stage() -> Iterator[Rehearsal]:
 
 
 def test_it_holds_depth_and_steers(stage: Rehearsal) -> None:
-    """It holds depth at zero input (5.2 #49), drives, turns right and dives as it is told."""
+    """It holds depth at zero input (robots 49), drives, turns right and dives as it is told."""
     client = stage.connect()
     client.send("INIT {ClassName USARBot.Submarine} {Location 0,0,-20}")
 

@@ -37,7 +37,7 @@ def test_sides_go_to_their_wheels_in_part_order(dialect: Dialect) -> None:
 
 @pytest.mark.parametrize("dialect", Dialect)
 def test_a_wheel_is_driven_by_its_name(dialect: Dialect) -> None:
-    """The single joint form with order 1 turns one wheel, in any case (3.4.6)."""
+    """The single joint form with order 1 turns one wheel, in any case (protocol 3.4.6)."""
     law = WheelDrive(P2AT)
     names = [wheel.name for wheel in P2AT.driven_wheels]
     assert drive(law, dialect, name=names[2].upper(), value=1.5, order=1) == (0.0, 0.0, 1.5, 0.0)
@@ -60,7 +60,7 @@ def test_free_wheels_get_no_target(tmp_path) -> None:
 
 
 def test_one_side_alone_keeps_the_other_in_ut2004() -> None:
-    """In `ut2004` a missing side keeps its last value (5.2 #35, protocol reference 3.4.1)."""
+    """In `ut2004` a missing side keeps its last value (robots 35, protocol reference 3.4.1)."""
     law = WheelDrive(P2DX)
     assert drive(law, left=1.0) == (1.0, 0.0)
     assert drive(law, right=2.0) == (1.0, 2.0)
@@ -68,7 +68,7 @@ def test_one_side_alone_keeps_the_other_in_ut2004() -> None:
 
 
 def test_one_side_alone_is_ignored_in_udk() -> None:
-    """In `udk` an incomplete pair changes nothing (5.2 #35, protocol reference 3.4.1)."""
+    """In `udk` an incomplete pair changes nothing (robots 35, protocol reference 3.4.1)."""
     law = WheelDrive(P2DX)
     assert drive(law, UDK, left=1.0) is None
     assert drive(law, UDK, right=1.0) is None
@@ -83,7 +83,7 @@ def test_one_side_alone_is_ignored_in_udk() -> None:
     [(100, LIMIT), (50, LIMIT / 2), (0, 0), (-100, -LIMIT), (200, LIMIT), (-200, -LIMIT)],
 )
 def test_normalized_is_percent_of_the_limit(dialect: Dialect, percent: int, speed: float) -> None:
-    """Normalized 100 is the wheel limit, 50 half of it, 200 is clamped (5.2 #36)."""
+    """Normalized 100 is the wheel limit, 50 half of it, 200 is clamped (robots 36)."""
     targets = drive(WheelDrive(P2AT), dialect, left=percent, right=percent, normalized=True)
     assert targets == pytest.approx((speed,) * 4)
 
@@ -91,7 +91,7 @@ def test_normalized_is_percent_of_the_limit(dialect: Dialect, percent: int, spee
 @pytest.mark.parametrize("dialect", Dialect)
 @pytest.mark.parametrize("value", [6.0, 1e9, math.inf])
 def test_speeds_are_clamped_to_the_limit(dialect: Dialect, value: float) -> None:
-    """A DRIVE beyond the limit runs at the limit, also backward (5.2 #37)."""
+    """A DRIVE beyond the limit runs at the limit, also backward (robots 37)."""
     assert drive(WheelDrive(P2DX), dialect, left=value, right=-value) == (5.4, -5.4)
 
 
@@ -253,7 +253,8 @@ def wheels(*groups: tuple[int, float | None, float | None]) -> dict[str, object]
 
 @pytest.mark.parametrize("dialect", Dialect)
 def test_named_wheels_only(dialect: Dialect) -> None:
-    """A group drives and steers the wheel that it names, the others keep what they had (150)."""
+    """A group drives and steers the wheel that it names, the others keep what they had
+    (protocol 150)."""
     driver = Driver(LISA, dialect)
     assert driver.send(**wheels((0, 1.0, 0.5), (2, 2.0, None)))
     assert driver.machine.wheels == pytest.approx([1.0, ROLLS, 2.0, ROLLS], nan_ok=True)
@@ -298,7 +299,7 @@ def test_percent_sticks_in_udk_only() -> None:
 
 
 def test_single_joint_form() -> None:
-    """DRIVE {Name wheel}: Steer 1 is its steering axis, order 1 its spin (3.4.6)."""
+    """DRIVE {Name wheel}: Steer 1 is its steering axis, order 1 its spin (protocol 3.4.6)."""
     driver = Driver(LISA)
     assert driver.send(name="rightfwheel", value=0.4, steer=1)
     assert driver.machine.positions == pytest.approx({"RightFSteer": 0.4})
@@ -347,7 +348,8 @@ def test_reports() -> None:
 
 @pytest.mark.parametrize("driven", [(0, 1), (2, 3), (0, 3), (0,)])
 def test_some_wheels_are_enough(driven: tuple[int, ...]) -> None:
-    """150: clients drive wheels 0 and 1 only; the others roll along instead of holding it back.
+    """Protocol 150: clients drive wheels 0 and 1 only; the others roll along instead of holding it
+    back.
 
     A stop, and a speed of zero, brake the wheels that are told so.
     """

@@ -220,7 +220,7 @@ def test_a_broken_package_does_not_stop_the_others(
 
 
 def test_each_sensor_draws_from_its_own_stream() -> None:
-    """Equal seeds give equal readings, different seeds different ones (checklist 113)."""
+    """Equal seeds give equal readings, different seeds different ones (robots 113)."""
 
     def ticks(seed: int) -> list[str]:
         sensor, robot, result = make("Encoder", "W0", seed=seed), FakeRobot(), []

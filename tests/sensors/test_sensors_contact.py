@@ -1,4 +1,4 @@
-"""Touch pads and bumpers (robots reference 2.8, checklist 103, 104; protocol checklist 99, 118)."""
+"""Touch pads and bumpers (robots reference 2.8, 103, 104; protocol 99, 118)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def touched(scene: Scene, robot: FakeRobot | None = None, **options: object) -> 
     ("gap", "expected"), [(0.001, True), (0.0029, True), (0.0031, False), (0.006, False)]
 )
 def test_an_object_counts_within_three_millimetres(gap: float, expected: bool) -> None:
-    """Checklist 103: True at 1 mm, False at 6 mm."""
+    """Robots 103: True at 1 mm, False at 6 mm."""
     assert touched(Scene(wall_ahead(0.3 + gap))) is expected
 
 
@@ -125,7 +125,7 @@ def pole_at(yaw: float, gap: float, radius: float = 0.02) -> Scene:
 
 @given(st.floats(-1.57, 1.57))
 def test_an_object_in_front_of_the_arc_is_felt_anywhere(yaw: float) -> None:
-    """Checklist 104: a pole of 4 cm at 1 cm, wherever on pi rad."""
+    """Robots 104: a pole of 4 cm at 1 cm, wherever on pi rad."""
     assert array_touched(pole_at(yaw, 0.01))
 
 

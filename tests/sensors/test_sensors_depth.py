@@ -1,5 +1,5 @@
-"""Depth images and point clouds in both shapes (robots reference 2.3, robots checklist 78; protocol
-checklist 120; protocol reference 4.6: RangeImager, PCL).
+"""Depth images and point clouds in both shapes (robots reference 2.3, robots 78; protocol
+120; protocol reference 4.6: RangeImager, PCL).
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def image(frames: list[dict[str, str]], width: int) -> np.ndarray:
 
 
 def test_it_is_idle_until_it_is_asked() -> None:
-    """Protocol checklist 120, the template of 4.6; no ray is cast meanwhile."""
+    """Protocol 120, the template of protocol 4.6; no ray is cast meanwhile."""
     sensor = make("KinectDepth", "KinectDepth")
     scene = Scene()
     for _ in range(3):
@@ -65,7 +65,7 @@ def test_it_is_idle_until_it_is_asked() -> None:
 
 @pytest.mark.parametrize("dialect", [UT2004, UDK])
 def test_a_scan_gives_twenty_frames_and_ends(dialect) -> None:
-    """Protocol checklist 120: Frame 0..19, 12 rows of 320 pixels each, then idle again."""
+    """Protocol 120: Frame 0..19, 12 rows of 320 pixels each, then idle again."""
     sensor = make("KinectDepth")
     frames = scan(sensor, Scene(wall_ahead(2.0)), dialect)
     assert [frame["Frame"] for frame in frames] == [str(i) for i in range(20)]
@@ -90,7 +90,7 @@ def test_each_frame_casts_its_own_rows_only() -> None:
 
 
 def test_a_wall_square_to_the_axis_has_constant_depth() -> None:
-    """Checklist 78: a wall at 3 m gives 3.00 in every pixel, not the way along the ray."""
+    """Robots 78: a wall at 3 m gives 3.00 in every pixel, not the way along the ray."""
     sensor = make("KinectDepth")
     assert set(image(scan(sensor, Scene(wall_ahead(3.0))), 320).ravel()) == {3.0}
 
@@ -139,7 +139,8 @@ def test_what_is_too_far_prints_the_maximum_range() -> None:
 
 
 def test_sen_of_udk() -> None:
-    """The template of 4.6: size, angles, frame numbers, padded depths, a comma at the end."""
+    """The template of protocol 4.6: size, angles, frame numbers, padded depths, a comma at the
+    end."""
     sensor = make("KinectDepth", "KinectDepth", **TINY)
     sensor.set("SCAN", "", FakeRobot())
     read(sensor, scene=Scene(wall_ahead(3.05)))
@@ -197,7 +198,7 @@ def test_a_second_image_begins_with_its_first_frame() -> None:
 
 
 def test_with_an_interval_of_zero_each_scan_sends_one_frame() -> None:
-    """Protocol checklist 121: nothing is periodic, so a report has to be asked for."""
+    """Protocol 121: nothing is periodic, so a report has to be asked for."""
     sensor = make("RangeImager", **TINY, interval=0.0)
     seen = []
     for _ in range(4):
@@ -348,7 +349,7 @@ def test_echoes_are_clamped_to_the_minimum_range(kind: str) -> None:
 
 
 def test_sen_of_the_rotating_scanner() -> None:
-    """The template of 4.6: points joined by semicolons, two digits, no key."""
+    """The template of protocol 4.6: points joined by semicolons, two digits, no key."""
     sensor = make("RotatingPointCloudScanner", "Spin1", beams=2, fov=0.02)
     robot = at(5.5)
     read(sensor, robot, Scene(wall_ahead(1.9)))
@@ -359,7 +360,8 @@ def test_sen_of_the_rotating_scanner() -> None:
 
 
 def test_sen_of_the_array() -> None:
-    """The template of 4.6 with one blank between segments: points joined by blanks, four digits."""
+    """The template of protocol 4.6 with one blank between segments: points joined by blanks, four
+    digits."""
     sensor = make("ExampleSonarArray", "Array1", grid=2, spacing=0.1)
     read(sensor, scene=Scene(wall_ahead(1.9)))
     for dialect in (UT2004, UDK):

@@ -1,4 +1,4 @@
-"""Wheel encoders (robots reference 2.4, checklist 82 to 84; protocol checklist 99, 110)."""
+"""Wheel encoders (robots reference 2.4, 82 to 84; protocol 99, 110)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def turn(sensor: Encoder, robot: FakeRobot, angles: list[float]) -> None:
 
 @pytest.mark.parametrize(("name", "wheel"), [("W0", 0), ("W1", 1), ("w2", 2), ("EncW3", 3)])
 def test_numbers_count_driven_wheels_from_zero(name: str, wheel: int) -> None:
-    """Checklist 82: W1 and W2 are the second and third driven wheel in part order."""
+    """Robots 82: W1 and W2 are the second and third driven wheel in part order."""
     sensor, robot = make("Encoder", name, noise=0.0), FakeRobot()
     read(sensor, robot)
     turn(sensor, robot, [0.1 + i for i in range(4)])
@@ -80,7 +80,7 @@ def test_a_robot_without_driven_wheels_cannot_have_one() -> None:
 @settings(max_examples=60)
 @given(st.lists(st.floats(-20.0, 20.0), min_size=1, max_size=20))
 def test_udk_values_wrap_within_one_turn(angles: list[float]) -> None:
-    """Checklist 82: -360..360, with the sign of the angle."""
+    """Robots 82: -360..360, with the sign of the angle."""
     sensor, robot = make("Encoder", "W0"), FakeRobot()
     read(sensor, robot)
     for angle in angles:
@@ -90,7 +90,7 @@ def test_udk_values_wrap_within_one_turn(angles: list[float]) -> None:
 
 
 def test_ut2004_accumulates_one_tick_per_degree() -> None:
-    """Checklist 83: ten turns are 3600 ticks and do not wrap; udk shows what is left."""
+    """Robots 83: ten turns are 3600 ticks and do not wrap; udk shows what is left."""
     sensor, robot = make("Encoder", "ECLeft", noise=0.0), FakeRobot()
     read(sensor, robot)
     for _ in range(10):
@@ -108,7 +108,7 @@ def test_cumulative_keeps_udk_from_wrapping() -> None:
 
 
 def test_rolling_forward_increases_and_backward_decreases() -> None:
-    """Protocol checklist 110; the count is truncated toward zero."""
+    """Protocol 110; the count is truncated toward zero."""
     sensor, robot = make("Encoder", "W0"), FakeRobot()
     read(sensor, robot)
     turn(sensor, robot, [1.0] * 4)
@@ -118,7 +118,7 @@ def test_rolling_forward_increases_and_backward_decreases() -> None:
 
 
 def test_the_error_is_a_fraction_of_the_increment() -> None:
-    """Checklist 84: standard deviation 0.005/sqrt(3) of what was turned since the last report."""
+    """Robots 84: standard deviation 0.005/sqrt(3) of what was turned since the last report."""
     sensor, robot, errors = make("Encoder", "W0", seed=7), FakeRobot(), []
     read(sensor, robot)
     before = 0.0

@@ -1,4 +1,4 @@
-"""Sensors on a robot that MuJoCo moves, with the true ray caster (robots checklist 65 to 103)."""
+"""Sensors on a robot that MuJoCo moves, with the true ray caster (robots 65 to 103)."""
 
 from __future__ import annotations
 
@@ -112,14 +112,14 @@ def room() -> Bench:
 
 
 def test_sonar_hears_the_wall(room: Bench) -> None:
-    """Checklist 65 with true normals: 2.000 m within 1 %."""
+    """Robots 65 with true normals: 2.000 m within 1 %."""
     sonar = make("Sonar", robot=CART, location=(0.0, 0.0, -0.3))
     room.read(sonar)
     assert sonar.range == pytest.approx(2.0, rel=0.01)
 
 
 def test_the_laser_is_not_blinded_by_its_own_robot(room: Bench) -> None:
-    """Checklist 73: from inside the chassis it sees wall and other robot, not itself."""
+    """Robots 73: from inside the chassis it sees wall and other robot, not itself."""
     laser = make("SICK", robot=CART, location=(0.0, 0.0, -0.04))
     room.read(laser)
     ranges = numbers(values(laser)["Range"])
@@ -129,7 +129,7 @@ def test_the_laser_is_not_blinded_by_its_own_robot(room: Bench) -> None:
 
 
 def test_infrared_reads_the_wall_behind_glass(room: Bench) -> None:
-    """Checklist 77: the pane stops the laser and the plain range sensor, not the IR."""
+    """Robots 77: the pane stops the laser and the plain range sensor, not the IR."""
     mount = {"location": (0.5, -1.5, -0.5)}
     infrared = make("IR", robot=CART, max_range=5.0, **mount)
     plain = make("RangeSensor", robot=CART, **mount)
@@ -140,7 +140,7 @@ def test_infrared_reads_the_wall_behind_glass(room: Bench) -> None:
 
 @pytest.mark.parametrize(("gap", "expected"), [(-0.001, True), (0.001, True), (0.006, False)])
 def test_touch_feels_a_true_surface(room: Bench, gap: float, expected: bool) -> None:
-    """Checklist 103: True at 1 mm, False at 6 mm, True when pressed in."""
+    """Robots 103: True at 1 mm, False at 6 mm, True when pressed in."""
     pad = make("Touch", robot=CART, location=(2.0 - gap, 0.0, -0.5))
     room.read(pad)
     assert pad.touched is expected
@@ -158,7 +158,7 @@ def depths(bench: Bench, height: float) -> set[float]:
 
 
 def test_depth_of_a_wall_at_three_metres() -> None:
-    """Checklist 78: 3.00 in all 76,800 pixels, by true rays; a robot in front of it is nearer."""
+    """Robots 78: 3.00 in all 76,800 pixels, by true rays; a robot in front of it is nearer."""
     wall: Solid = ("wall", (3.5, 0.0, 2.0), (0.5, 6.0, 2.0))
     assert depths(Bench(wall), 1.4) == {3.0}
     pixels = depths(Bench(wall, at=((0.0, 0.0), (1.5, 0.0))), 0.04)
@@ -169,7 +169,7 @@ def test_depth_of_a_wall_at_three_metres() -> None:
 @pytest.mark.parametrize("yaw", np.linspace(-1.5, 1.5, 7).tolist())
 @pytest.mark.parametrize(("gap", "expected"), [(0.01, True), (0.03, False)])
 def test_a_bumper_feels_a_post_anywhere_on_its_arc(yaw: float, gap: float, expected: bool) -> None:
-    """Checklist 104: a post of 4 cm at 1 cm in front of the arc, none at 3 cm."""
+    """Robots 104: a post of 4 cm at 1 cm in front of the arc, none at 3 cm."""
     reach = 0.17 + gap + 0.02 * (abs(np.cos(yaw)) + abs(np.sin(yaw)))
     post: Solid = ("post", (reach * np.cos(yaw), -reach * np.sin(yaw), 0.5), (0.02, 0.02, 0.5))
     bumper = make("BumperArray", robot=CART, location=(0.0, 0.0, -0.3))
@@ -178,7 +178,7 @@ def test_a_bumper_feels_a_post_anywhere_on_its_arc(yaw: float, gap: float, expec
 
 
 def test_a_roof_hides_the_sky() -> None:
-    """Checklist 96 and 97: 11 satellites in the open, none below a wide roof."""
+    """Robots 96 and 97: 11 satellites in the open, none below a wide roof."""
     roof: Solid = ("roof", (0.0, 0.0, 2.0), (60.0, 60.0, 0.1))
     walls: list[Solid] = [
         ("w", (60.0, 0.0, 1.0), (0.1, 60.0, 2.0)),
@@ -191,7 +191,7 @@ def test_a_roof_hides_the_sky() -> None:
 
 
 def test_a_straight_drive_by_all_wheel_sensors() -> None:
-    """Checklist 79, 85 and 88: standing, then about 2 m straight ahead.
+    """Robots 79, 85 and 88: standing, then about 2 m straight ahead.
 
     Odometry agrees with the truth within 1 %, Tachometer Vel with the wheel speed within 1 %,
     encoders count up, the INS stands still while the robot does.
@@ -222,7 +222,7 @@ def test_a_straight_drive_by_all_wheel_sensors() -> None:
 
 
 def test_inertial_sensors_of_a_standing_robot() -> None:
-    """Checklist 98: no acceleration in the IMU, gravity in the accelerometer."""
+    """Robots 98: no acceleration in the IMU, gravity in the accelerometer."""
     bench = Bench()
     imu, accelerometer = make("IMU", robot=CART), make("Accelerometer", robot=CART)
     bench.run(2.0, 0.1, imu, accelerometer)
@@ -233,7 +233,7 @@ def test_inertial_sensors_of_a_standing_robot() -> None:
 
 
 def test_ground_truth_of_a_turned_robot() -> None:
-    """Checklist 91: after turning in place to the left the wire yaw is negative and true."""
+    """Robots 91: after turning in place to the left the wire yaw is negative and true."""
     bench = Bench()
     truth, odometry = make("GroundTruth", robot=CART), make("Odometry", robot=CART)
     bench.run(0.5, 0.1, truth, odometry)

@@ -126,7 +126,7 @@ def objects_in(line: str) -> dict[str, dict[str, str]]:
 
 @pytest.mark.parametrize("kind", ["Probe", "OldProbe"])
 def test_a_depth_image_of_the_corridor_wall(office: Stage, kind: str) -> None:
-    """Checklist 78 and protocol checklist 120: idle, 20 frames 0.1 s apart, idle; constant depth.
+    """Robots 78 and protocol 120: idle, 20 frames 0.1 s apart, idle; constant depth.
 
     The robot looks at the wall squarely, so every pixel has the same depth.
     """
@@ -157,7 +157,7 @@ def test_a_depth_image_of_the_corridor_wall(office: Stage, kind: str) -> None:
 
 
 def test_an_interval_of_zero_reports_on_scan_only(office: Stage) -> None:
-    """Protocol checklist 121."""
+    """Protocol 121."""
     client = office.place("A", -1.5, 0.0, 0.0)
     office.run(1.0)
     assert lines_of(client, "OnDemand") == []
@@ -171,7 +171,7 @@ def test_an_interval_of_zero_reports_on_scan_only(office: Stage) -> None:
 def test_a_scanner_of_1081_beams_at_20_hz(office: Stage) -> None:
     """A TOML table makes a modern scanner: 270 degrees, a quarter of a degree, every 0.05 s.
 
-    Checklist 114 and protocol checklist 122: 20 lines a second, each with 1081 ranges, the walls of
+    Robots 114 and protocol 122: 20 lines a second, each with 1081 ranges, the walls of
     the corridor where they are.
     """
     client = office.place("A", -1.5, 0.0, 0.0)
@@ -274,7 +274,7 @@ def test_a_3d_scan_of_the_wall(office: Stage) -> None:
 
 
 def test_the_bumper_meets_the_wall(office: Stage) -> None:
-    """Checklist 104: False in the open, True once the robot has driven into the wall."""
+    """Robots 104: False in the open, True once the robot has driven into the wall."""
     client = office.place("A", -1.5, 0.6, math.pi / 2)
     office.run(0.3)
     assert {value(line, "Touch") for line in lines_of(client, "Bumper")} == {"False"}
@@ -301,7 +301,7 @@ def test_the_inu_turns_with_the_robot(office: Stage) -> None:
 
 @pytest.mark.parametrize("kind", ["Probe", "OldProbe"])
 def test_every_streamed_item_answers_both_requests(office: Stage, kind: str) -> None:
-    """Protocol checklist 125: one CONF and one GEO line each."""
+    """Protocol 125: one CONF and one GEO line each."""
     client = office.place("A", -1.5, 0.0, 0.0, kind)
     for wire_type, name in ITEMS.items():
         client.take()
@@ -325,7 +325,7 @@ def test_asking_for_a_udk_type_makes_a_udk_client(office: Stage, wire_type: str)
 
 
 def test_equal_runs_in_the_arena_give_equal_text(folder: Path) -> None:
-    """Checklist 113: points, depths and objects repeat to the last digit, also while driving."""
+    """Robots 113: points, depths and objects repeat to the last digit, also while driving."""
     runs = []
     for _ in range(2):
         with Rehearsal(world="arena", robots=(folder,), seed=5) as rehearsal:

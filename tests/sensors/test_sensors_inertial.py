@@ -1,5 +1,5 @@
-"""INS, INU, IMU and accelerometers (robots reference 2.5, checklist 86 to 90, 98; protocol
-checklist 113; protocol reference 4.5, 4.6).
+"""INS, INU, IMU and accelerometers (robots reference 2.5, 86 to 90, 98; protocol
+113; protocol reference 4.5, 4.6).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def estimate(sensor) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_position_error_after_ten_metres() -> None:
-    """Checklist 86: 0.050 m per axis within 15 % over many runs of 10 m in 0.1 m steps."""
+    """Robots 86: 0.050 m per axis within 15 % over many runs of 10 m in 0.1 m steps."""
     errors = []
     for seed in range(400):
         sensor = make("INS", seed=seed)
@@ -59,7 +59,7 @@ def test_position_error_after_ten_metres() -> None:
 
 
 def test_yaw_error_after_a_full_turn() -> None:
-    """Checklist 87: 4.0 degrees within 20 % at 18 degrees per report, 2.3 at 6 degrees."""
+    """Robots 87: 4.0 degrees within 20 % at 18 degrees per report, 2.3 at 6 degrees."""
     for steps, degrees in ((20, 4.0), (60, 2.3)):
         errors = []
         for seed in range(300):
@@ -71,7 +71,7 @@ def test_yaw_error_after_a_full_turn() -> None:
 
 
 def test_a_standing_robot_does_not_drift() -> None:
-    """Checklist 88: not at all, however long."""
+    """Robots 88: not at all, however long."""
     sensor, robot = make("INS"), FakeRobot()
     robot.place((4.5, 1.9, -0.2), (0.0, 0.0, 1.57))
     aligned(sensor, robot)
@@ -84,7 +84,7 @@ def test_a_standing_robot_does_not_drift() -> None:
 
 
 def test_pose_sets_the_estimate_exactly() -> None:
-    """Checklist 89: also when the robot moved since the last report."""
+    """Robots 89: also when the robot moved since the last report."""
     sensor = make("INS")
     robot = aligned(sensor)
     robot.place((3.0, 1.0, 0.0))
@@ -98,7 +98,7 @@ def test_pose_sets_the_estimate_exactly() -> None:
 
 
 def test_pose_removes_the_means_of_the_drift() -> None:
-    """Checklist 89: with sigma 0 only the means make an error, and afterwards none is left."""
+    """Robots 89: with sigma 0 only the means make an error, and afterwards none is left."""
     drifting, corrected = (
         make("INS", sigma=0.0, precision=10.0),
         make("INS", sigma=0.0, precision=10.0),
@@ -149,7 +149,7 @@ def test_pose_accepts_blanks_after_commas() -> None:
 @settings(max_examples=40)
 @given(st.lists(st.floats(-math.pi, math.pi), min_size=3, max_size=12))
 def test_angles_lie_within_one_turn(turns: list[float]) -> None:
-    """Checklist 90: in [0, 2 pi), in print as well."""
+    """Robots 90: in [0, 2 pi), in print as well."""
     sensor = make("INS")
     robot = aligned(sensor)
     for yaw in turns:
@@ -190,7 +190,7 @@ def test_the_error_of_the_way_is_on_all_axes() -> None:
 
 
 def test_equal_seeds_give_equal_estimates() -> None:
-    """Checklist 113."""
+    """Robots 113."""
     results = []
     for seed in (3, 3, 4):
         sensor = make("INS", seed=seed)
@@ -200,7 +200,7 @@ def test_equal_seeds_give_equal_estimates() -> None:
 
 
 def test_sen_and_conf() -> None:
-    """Protocol checklist 113: never Time; two digits (protocol reference 4.6, 4.8)."""
+    """Protocol 113: never Time; two digits (protocol reference 4.6, 4.8)."""
     sensor, robot = make("INS", "InsTest"), FakeRobot()
     robot.place((4.51, 1.88, 1.84), (0.0, -0.001, 1.57))
     read(sensor, robot)
@@ -247,7 +247,7 @@ def test_angles_are_whole_turns() -> None:
 
 
 def test_it_drifts_as_the_ins_does() -> None:
-    """Equal seeds give the angles of an INS: about 4 degrees off after a turn (checklist 87)."""
+    """Equal seeds give the angles of an INS: about 4 degrees off after a turn (robots 87)."""
     inu, ins = make("INU", seed=7), make("INS", seed=7)
     turned(inu, 20)
     turned(ins, 20)
@@ -278,7 +278,7 @@ def accelerate(sensor, robot: FakeRobot, change: tuple[float, float, float]) -> 
 
 
 def test_at_rest_everything_is_zero() -> None:
-    """Checklist 98: no gravity in the IMU."""
+    """Robots 98: no gravity in the IMU."""
     sensor, robot = make("IMU"), FakeRobot()
     accelerate(sensor, robot, (0.0, 0.0, 0.0))
     assert [key for key, _ in sensor.data(UDK)] == KEYS
@@ -286,7 +286,7 @@ def test_at_rest_everything_is_zero() -> None:
 
 
 def test_the_accelerometer_at_rest_reads_gravity() -> None:
-    """Checklist 98: plus g on z, which points down; the Accel type reads zero."""
+    """Robots 98: plus g on z, which points down; the Accel type reads zero."""
     robot = FakeRobot()
     proper, plain = make("Accelerometer"), make("Acceleration")
     accelerate(proper, robot, (0.0, 0.0, 0.0))

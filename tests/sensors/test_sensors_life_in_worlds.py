@@ -98,7 +98,7 @@ def vector(line: str, key: str = "Location") -> tuple[float, float, float]:
 
 
 def test_a_rescue_robot_finds_the_victim(yard: Yard) -> None:
-    """Robots checklist 105 to 110: every sensor tells its share, at its interval."""
+    """Robots 105 to 110: every sensor tells its share, at its interval."""
     _, lines = robot(yard())
     found = {kind: of_type(lines, kind) for kind in TYPES}
     assert [len(found[kind]) for kind in TYPES] == [2, 9, 9, 9, 9, 9]
@@ -120,7 +120,7 @@ def test_a_rescue_robot_finds_the_victim(yard: Yard) -> None:
 
 
 def test_tags_are_reported_relative_to_the_reader(yard: Yard) -> None:
-    """Protocol checklist 116: the tag 0.75 m ahead of the reader, 0.5 m right, 0.19 m below."""
+    """Protocol 116: the tag 0.75 m ahead of the reader, 0.5 m right, 0.19 m below."""
     _, lines = robot(yard())
     line = of_type(lines, "RFID")[-1]
     pattern = r"SEN {Type RFID} {Name RFIDReader} {ID 118} {Location [^}]*} {Mem 0}"
@@ -129,7 +129,7 @@ def test_tags_are_reported_relative_to_the_reader(yard: Yard) -> None:
 
 
 def test_driving_up_to_the_victim(yard: Yard) -> None:
-    """Robots checklist 109: CO2 rises; the victim's parts and tag come nearer."""
+    """Robots 109: CO2 rises; the victim's parts and tag come nearer."""
     world = yard()
     client, _ = robot(world)
     client.send("DRIVE {Left 3} {Right 3}")
@@ -144,7 +144,7 @@ def test_driving_up_to_the_victim(yard: Yard) -> None:
 
 
 def test_in_udk_the_lines_have_a_time(yard: Yard) -> None:
-    """The data of UT2004 behind the head of UDK; SET is not answered (protocol checklist 163)."""
+    """The data of UT2004 behind the head of UDK; SET is not answered (protocol 163)."""
     client, lines = robot(yard(), more="{Dialect udk}")
     for kind in TYPES:
         (line, *_) = of_type(lines, kind)
@@ -155,7 +155,7 @@ def test_in_udk_the_lines_have_a_time(yard: Yard) -> None:
 
 
 def test_every_item_answers_both_requests(yard: Yard) -> None:
-    """Protocol checklist 125: GETCONF and GETGEO of each type and name, one line each."""
+    """Protocol 125: GETCONF and GETGEO of each type and name, one line each."""
     client, _ = robot(yard())
     for kind, name in ITEMS.items():
         for request, head in (("GETCONF", "CONF"), ("GETGEO", "GEO")):
@@ -170,7 +170,7 @@ def test_every_item_answers_both_requests(yard: Yard) -> None:
 
 
 def test_equal_runs_give_equal_lines(yard: Yard) -> None:
-    """Robots checklist 113 and 115: waving arm, noise and all; another seed differs."""
+    """Robots 113 and 115: waving arm, noise and all; another seed differs."""
     runs = [robot(yard(seed=seed))[1] for seed in (1, 1, 2)]
     assert runs[0] == runs[1]
     assert of_type(runs[0], "VictSensor") != of_type(runs[2], "VictSensor")
@@ -187,7 +187,7 @@ def replies(client: RehearsedClient, command: str) -> list[str]:
 
 
 def test_memory_of_a_tag_from_the_wire(yard: Yard) -> None:
-    """Protocol checklist 40, 163 and 165: write, read, unknown number, each with one RES."""
+    """Protocol 40, 163 and 165: write, read, unknown number, each with one RES."""
     client, _ = robot(yard())
     head = "RES {Type RFID} {Name RFIDReader} "
     write = "SET {Type RFID} {Name RFID} {Opcode Write} {Params 118 two words}"
@@ -200,7 +200,7 @@ def test_memory_of_a_tag_from_the_wire(yard: Yard) -> None:
 
 
 def test_dropping_a_tag_from_the_wire(yard: Yard) -> None:
-    """Protocol checklist 164: the line ends in {status OK}, and the tag is there for everybody."""
+    """Protocol 164: the line ends in {status OK}, and the tag is there for everybody."""
     world = yard()
     client, _ = robot(world)
     other, _ = robot(world, location="-1.5,1.0,-0.25")
@@ -214,7 +214,7 @@ def test_dropping_a_tag_from_the_wire(yard: Yard) -> None:
 
 
 def test_scan_of_the_acoustic_array_is_one_of_ut2004s_results(tmp_path: Path) -> None:
-    """Protocol checklist 163: a report at once, and its RES behind it."""
+    """Protocol 163: a report at once, and its RES behind it."""
     (tmp_path / "Ears.toml").write_text(
         'extends = "P2AT"\nsensor = [{ type = "Acoustic", name = "Ear", interval = 0 }]\n',
         encoding="utf-8",
@@ -279,7 +279,7 @@ def test_a_robot_in_the_way_is_pushed_aside_and_lives(arena: Rehearsal) -> None:
 
 
 def test_the_false_alarm_of_the_arena_deceives(arena: Rehearsal) -> None:
-    """Robots checklist 107: nobody is near the barrel, yet a chest is reported now and then."""
+    """Robots 107: nobody is near the barrel, yet a chest is reported now and then."""
     client, _ = robot(arena, location="1.0,8.2,-0.25")
     arena.run(16.0)
     reports = of_type(client.take(), "VictSensor")

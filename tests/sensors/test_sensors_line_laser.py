@@ -74,7 +74,7 @@ def test_a_miss_gives_the_point_at_the_maximum_range() -> None:
 
 
 def test_sen_has_no_time_in_either_dialect() -> None:
-    """The template of 4.6: true pose with four digits, points with three."""
+    """The template of protocol 4.6: true pose with four digits, points with three."""
     sensor = make("LineLaser", "Line1", location=(0.2, 0.0, -0.3), beams=2, fov=math.pi / 2)
     read(sensor, scene=Scene(wall_ahead(2.1)))
     for dialect in (UT2004, UDK):

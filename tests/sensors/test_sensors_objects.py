@@ -1,5 +1,5 @@
 """Object recognition and the helper of the soccer robots (robots reference 2.9; protocol reference
-4.5, 4.6: ObjectSensor; protocol checklist 55).
+4.5, 4.6: ObjectSensor; protocol 55).
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ SCENE = Scene(
 
 
 def test_sen_of_both_dialects() -> None:
-    """The template of 4.6: no Time, one blank between segments, five segments per object."""
+    """The template of protocol 4.6: no Time, one blank between segments, five segments per
+    object."""
     sensor = eye(location=(0.0, 0.0, -0.2), rotation=(0.0, 0.0, 0.03))
     read(sensor, scene=SCENE)
     # Beam 0 meets the wall 4.98 tan 0.117 = 0.585 to the right, beam 5 the box 0.093 m.

@@ -1,4 +1,4 @@
-"""Detectors of moving people, and lines of sight (robots checklist 110)."""
+"""Detectors of moving people, and lines of sight (robots 110)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def probability(stage: Stage, time: float = 3.0, **rest: Any) -> float:
 
 @pytest.mark.parametrize("motion", ["wave", WALK])
 def test_only_moving_people_are_noticed(motion: Any) -> None:
-    """Checklist 110: a still victim gives 0, the same one waving or walking does not."""
+    """Robots 110: a still victim gives 0, the same one waving or walking does not."""
     assert probability(Stage(person("Ann", 2.0))) == 0.0
     assert probability(Stage(person("Ann", 2.0, motion=motion)), time=1.0) > 0.2
 
@@ -92,7 +92,7 @@ def test_the_likeliest_counts() -> None:
 
 
 def test_the_form_of_the_line() -> None:
-    """Protocol reference 4.6 and checklist 96: Prob with four digits, no Time in ut2004."""
+    """Protocol reference 4.6 and robots 96: Prob with four digits, no Time in ut2004."""
     stage = Stage()
     sensor = stage.make("HumanMotion", "HumanMotion")
     stage.read(sensor)

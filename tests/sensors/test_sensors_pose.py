@@ -1,5 +1,5 @@
-"""Ground truth, compass, altimeter and mission clock (robots reference 2.5, checklist 91, 92, 99,
-100; protocol checklist 117), and GPS (robots reference 2.6, checklist 93 to 97; protocol checklist
+"""Ground truth, compass, altimeter and mission clock (robots reference 2.5, 91, 92, 99,
+100; protocol 117), and GPS (robots reference 2.6, 93 to 97; protocol checklist
 111, 112).
 """
 
@@ -57,7 +57,7 @@ def robot_in_mujoco(position, roll: float, pitch: float, yaw: float) -> RobotBod
 
 @given(st.tuples(*[st.floats(-50, 50)] * 3), ANGLE, st.floats(-1.5, 1.5), ANGLE)
 def test_it_equals_the_state_of_mujoco(position, roll: float, pitch: float, yaw: float) -> None:
-    """Checklist 91: within 1 mm and 0.06 degrees after y, z, pitch and yaw change sign."""
+    """Robots 91: within 1 mm and 0.06 degrees after y, z, pitch and yaw change sign."""
     sensor = make("GroundTruth")
     assert sensor.measure(robot_in_mujoco(position, roll, pitch, yaw), [])
     x, y, z = numbers(values(sensor)["Location"])
@@ -68,7 +68,7 @@ def test_it_equals_the_state_of_mujoco(position, roll: float, pitch: float, yaw:
 
 
 def test_udk_has_three_digits_and_signed_angles() -> None:
-    """Checklist 92 and protocol reference 4.6."""
+    """Robots 92 and protocol reference 4.6."""
     sensor, robot = make("GroundTruth", "GndTruth"), FakeRobot()
     robot.place((4.5015, 1.8996, -0.1464), (0.0, -0.0012, 1.5708))
     read(sensor, robot)
@@ -90,7 +90,7 @@ def test_ut2004_has_two_digits_and_whole_turns() -> None:
 
 
 def test_intervals() -> None:
-    """Checklist 92: 0.1 s in UDK, 0.05 s in UT2004, and CONF says so."""
+    """Robots 92: 0.1 s in UDK, 0.05 s in UT2004, and CONF says so."""
     sensor = make("GroundTruth")
     assert (sensor.interval(UDK), sensor.interval(UT2004)) == (0.1, 0.05)
     assert text_of(sensor.configuration(UDK)) == "{ScanInterval 0.1000}"
@@ -127,7 +127,7 @@ def test_it_follows_the_link_that_carries_it() -> None:
 
 
 def test_location_comes_before_orientation() -> None:
-    """Protocol checklist 117, in both dialects."""
+    """Protocol 117, in both dialects."""
     sensor = make("GroundTruth")
     for dialect in (UT2004, UDK):
         assert [key for key, _ in sensor.data(dialect)] == ["Location", "Orientation"]
@@ -138,7 +138,7 @@ def test_location_comes_before_orientation() -> None:
     [(1.5708, 0.0, 1.5708), (0.0, 0.5, -0.5), (-3.0, 3.0, math.tau - 6.0), (0.2, 0.2, 0.0)],
 )
 def test_the_compass_reads_yaw_relative_to_north(yaw: float, north: float, expected: float) -> None:
-    """Checklist 100, signed, clockwise positive."""
+    """Robots 100, signed, clockwise positive."""
     sensor, robot = make("MagneticCompass", world=describe_world(north=north)), FakeRobot()
     robot.place((0.0, 0.0, 0.0), (0.0, 0.0, yaw))
     assert read(sensor, robot)
@@ -146,7 +146,7 @@ def test_the_compass_reads_yaw_relative_to_north(yaw: float, north: float, expec
 
 
 def test_the_literal_compass_reads_zero() -> None:
-    """Checklist 100: the original's double conversion."""
+    """Robots 100: the original's double conversion."""
     sensor, robot = make("MagneticCompass", literal=True), FakeRobot()
     robot.place((0.0, 0.0, 0.0), (0.0, 0.0, 2.0))
     read(sensor, robot)
@@ -154,7 +154,7 @@ def test_the_literal_compass_reads_zero() -> None:
 
 
 def test_altitude_is_relative_to_the_start_and_up() -> None:
-    """Checklist 99, protocol checklist 123: 0 at spawn, positive above, absolute = 111 more."""
+    """Robots 99, protocol 123: 0 at spawn, positive above, absolute = 111 more."""
     sensor, robot = make("AltitudeSensor"), FakeRobot()
     robot.place((0.0, 0.0, -0.5))
     read(sensor, robot)
@@ -183,7 +183,7 @@ def test_mission_time_counts_whole_minutes() -> None:
 
 
 def test_lines() -> None:
-    """The templates of protocol reference 4.6; CONF has nothing but the name (4.8)."""
+    """The templates of protocol reference 4.6; CONF has nothing but the name (protocol 4.8)."""
     robot = FakeRobot()
     robot.place((0.0, 0.0, 0.0), (0.0, 0.0, 1.5708))
     sensors = [
@@ -233,7 +233,7 @@ def fixes(sensor, satellites: int, count: int) -> np.ndarray:
 
 
 def test_the_default_origin() -> None:
-    """Checklist 93: 39,8.0273,N and 77,12.9980,W with the noise off."""
+    """Robots 93: 39,8.0273,N and 77,12.9980,W with the noise off."""
     sensor = make("GPS", noise=False)
     read(sensor, scene=FIELD)
     assert values(sensor)["Latitude"] == "39,8.0273,N"
@@ -241,7 +241,7 @@ def test_the_default_origin() -> None:
 
 
 def test_metres_to_degrees() -> None:
-    """Checklist 94: 1112 m north is 0.01 degree of latitude, 716.7 m east one of longitude."""
+    """Robots 94: 1112 m north is 0.01 degree of latitude, 716.7 m east one of longitude."""
     sensor, robot = make("GPS", noise=False), FakeRobot()
     robot.place((1112.0, 716.7, 0.0))
     read(sensor, robot, FIELD)
@@ -264,7 +264,7 @@ def test_a_world_may_lie_askew() -> None:
     ("satellites", "sigma"), [(4, 0.833), (6, 0.688), (8, 0.542), (10, 0.396), (11, 0.323)]
 )
 def test_noise_follows_the_number_of_satellites(satellites: int, sigma: float) -> None:
-    """Checklist 95: the deviation of 1000 fixes is sigma(n) within 10 %, white, per axis."""
+    """Robots 95: the deviation of 1000 fixes is sigma(n) within 10 %, white, per axis."""
     errors = fixes(make("GPS", seed=11), satellites, 1000)
     assert np.std(errors, axis=0) == pytest.approx([sigma, sigma], rel=0.1)
     for axis in (0, 1):
@@ -279,7 +279,7 @@ def test_the_line_of_the_deviation(n: int, sigma: float) -> None:
 
 
 def test_indoors_there_is_no_position() -> None:
-    """Checklist 96, protocol checklist 112: Fix 0 and the count, nothing else."""
+    """Robots 96, protocol 112: Fix 0 and the count, nothing else."""
     sensor = make("GPS", "GPS")
     assert read(sensor, scene=HOUSE)
     assert sensor.satellites < 4
@@ -300,7 +300,7 @@ def test_a_fix_needs_four_satellites(count: int, fix: str) -> None:
 
 
 def test_a_street_canyon_hides_satellites() -> None:
-    """Checklist 97: between high walls fewer are in sight than in the open, more than indoors."""
+    """Robots 97: between high walls fewer are in sight than in the open, more than indoors."""
     canyon = Scene(Box((-500, 8, -1), (500, 9, 12)), Box((-500, -9, -1), (500, -8, 12)))
     counts = []
     for scene in (FIELD, canyon, HOUSE):
@@ -344,7 +344,7 @@ def test_near_the_poles_no_satellite_stands_high(longitude: int) -> None:
 
 @given(st.floats(-80.0, 80.0), st.floats(-179.0, 179.0))
 def test_coordinates_are_well_formed_and_exact(latitude: float, longitude: float) -> None:
-    """Protocol checklist 111: whole degrees, four digits of minutes below 60, hemisphere letter."""
+    """Protocol 111: whole degrees, four digits of minutes below 60, hemisphere letter."""
     world = describe_world(origin=GeographicOrigin(latitude, longitude))
     sensor = make("GPS", noise=False, world=world)
     sensor.measure(FakeRobot(), seeing(11))
@@ -368,7 +368,7 @@ def test_longitude_wraps_at_the_date_line() -> None:
 
 
 def test_driving_along_x_increases_the_latitude() -> None:
-    """Protocol checklist 111."""
+    """Protocol 111."""
     sensor, robot = make("GPS", noise=False), FakeRobot()
     readings = []
     for x in (0.0, 50.0, 100.0):

@@ -54,7 +54,7 @@ def test_the_range_sensor_does_not_apply_its_minimum(distance: float, expected: 
 
 
 def test_infrared_looks_through_glass() -> None:
-    """Checklist 77: it reads the wall behind, where the range sensor sees the pane."""
+    """Robots 77: it reads the wall behind, where the range sensor sees the pane."""
     scene = Scene(GLASS, wall_ahead(1.2))
     infrared, plain = make("IR"), make("RangeSensor")
     read(infrared, scene=scene)
@@ -126,14 +126,14 @@ POLE = Pole(3.0, -0.5, 0.2)
 def test_a_wall_ahead_reads_its_distance_within_the_limits(
     distance: float, expected: float
 ) -> None:
-    """Checklist 65: 2 m reads 2 within 1 %, 7 m reads 5.0000, 0.03 m reads 0.1000."""
+    """Robots 65: 2 m reads 2 within 1 %, 7 m reads 5.0000, 0.03 m reads 0.1000."""
     sonar = make("Sonar")
     assert read(sonar, scene=Scene(wall_ahead(distance)))
     assert float(values(sonar)["Range"]) == pytest.approx(expected, rel=0.01)
 
 
 def test_limits_are_printed_with_four_digits() -> None:
-    """Checklist 65 and protocol checklist 101: clamped values are exactly the limits."""
+    """Robots 65 and protocol 101: clamped values are exactly the limits."""
     sonar = make("Sonar")
     read(sonar, scene=Scene())
     assert sonar.data(UDK) == (("Range", "5.0000"),)
@@ -142,7 +142,7 @@ def test_limits_are_printed_with_four_digits() -> None:
 
 
 def test_a_pole_beside_the_axis_is_seen_by_the_cone_only() -> None:
-    """Checklist 66: 9.5 degrees off axis, seen as intended and not with the literal model."""
+    """Robots 66: 9.5 degrees off axis, seen as intended and not with the literal model."""
     intended, literal = make("Sonar"), make("Sonar", literal=True)
     read(intended, scene=Scene(POLE))
     read(literal, scene=Scene(POLE))
@@ -213,7 +213,7 @@ def test_limits_in_the_wrong_order_are_refused() -> None:
 
 @given(st.floats(0.01, 9.0), st.floats(-0.25, 0.25), st.floats(-math.pi, math.pi))
 def test_readings_stay_within_the_limits(distance: float, pitch: float, yaw: float) -> None:
-    """Protocol checklist 101, for any wall, attitude and heading."""
+    """Protocol 101, for any wall, attitude and heading."""
     robot = FakeRobot()
     robot.place((0.0, 0.0, 0.0), (0.0, pitch, yaw))
     sonar = make("Sonar")

@@ -37,14 +37,14 @@ def measured(*sensors):
 
 
 def test_ut2004_has_all_sonars_in_one_line_in_mount_order() -> None:
-    """Checklist 67 and 68, protocol checklist 97 and 100: F1..F8 then R1..R8."""
+    """Robots 67 and 68, protocol 97 and 100: F1..F8 then R1..R8."""
     sonars = measured(*(make("Sonar", name) for name in RING))
     body = " ".join(f"{{Name {name} Range 2.0000}}" for name in RING)
     assert sen_lines(sonars, 63.4, UT2004) == [f"SEN {{Time 63.4000}} {{Type Sonar}} {body}"]
 
 
 def test_udk_has_one_line_for_each_sonar_with_equal_values() -> None:
-    """Checklist 67, protocol checklist 98."""
+    """Robots 67, protocol 98."""
     sonars = measured(*(make("Sonar", name) for name in RING))
     assert sen_lines(sonars, 63.4021, UDK) == [
         f"SEN {{Time 63.4021}} {{Type Sonar}} {{Name {name}}} {{Range 2.0000}}" for name in RING
@@ -52,7 +52,7 @@ def test_udk_has_one_line_for_each_sonar_with_equal_values() -> None:
 
 
 def test_infrared_is_batched_alike() -> None:
-    """Protocol checklist 99, the templates of 4.6."""
+    """Protocol 99, the templates of protocol 4.6."""
     pair = measured(make("IR", "IR1", max_range=3.0), make("IR", "IR2"))
     assert sen_lines(pair, 63.4, UT2004) == [
         "SEN {Time 63.4000} {Type IR} {Name IR1 Range 2.0000} {Name IR2 Range 1.5000}"
@@ -113,7 +113,7 @@ TIMED = {
 
 @pytest.mark.parametrize(("kind", "timed"), TIMED.items())
 def test_time_is_where_the_table_has_it(kind: str, timed: tuple[bool, bool]) -> None:
-    """Protocol checklist 94 to 96 and 113: Time first, then Type, then Name, then data."""
+    """Protocol 94 to 96 and 113: Time first, then Type, then Name, then data."""
     sensors = measured(make(kind, "W1"))
     for dialect, present in zip((UT2004, UDK), timed, strict=True):
         (line,) = sen_lines(sensors, 5.25, dialect)
@@ -140,7 +140,7 @@ def test_digits_of_time(kind: str, ut2004: str, udk: str) -> None:
 
 @pytest.mark.parametrize("dialect", list(Dialect))
 def test_lines_other_than_scans_stay_short(dialect: Dialect) -> None:
-    """Protocol checklist 107: below 1024 bytes for the sensors of the standard robots."""
+    """Protocol 107: below 1024 bytes for the sensors of the standard robots."""
     kinds = ["INS", "GPS", "GroundTruth", "Odometry", "IMU", "Tachometer"]
     sensors = [make("Sonar", name) for name in RING] + [make(kind, f"A{kind}") for kind in kinds]
     robot = FakeRobot()
@@ -153,7 +153,7 @@ def test_lines_other_than_scans_stay_short(dialect: Dialect) -> None:
 
 
 def test_geo_of_ut2004_is_multi_pair_with_hard_mounts() -> None:
-    """Protocol checklist 134 and the template of 4.7."""
+    """Protocol 134 and the template of protocol 4.7."""
     sonars = [
         make("Sonar", "F1", location=(0.115, -0.13, 0.0), rotation=(0.0, 0.0, -1.5708)),
         make("Sonar", "F2", location=(0.155, -0.115, 0.0), rotation=(0.0, 0.0, -0.8727)),
@@ -166,7 +166,7 @@ def test_geo_of_ut2004_is_multi_pair_with_hard_mounts() -> None:
 
 
 def test_geo_of_udk_has_separate_segments_and_the_class_name() -> None:
-    """Protocol checklist 134: Name, Location, Orientation, Mount."""
+    """Protocol 134: Name, Location, Orientation, Mount."""
     laser = make("SICK", "lms200", location=(0.18, 0.0, -0.25))
     assert geo_line([laser], "RangeScanner", "lms200", P3AT, UDK) == (
         "GEO {Type RangeScanner} {Name lms200} {Location 0.18,0.00,-0.25} "
@@ -196,7 +196,7 @@ def test_geo_names_the_link_that_carries_the_sensor() -> None:
 
 
 def test_geo_is_the_same_wherever_the_robot_stands() -> None:
-    """Protocol checklist 135: readings of a turned robot change nothing."""
+    """Protocol 135: readings of a turned robot change nothing."""
     laser = make("SICK", "lms200", location=(0.18, 0.0, -0.25))
     before = geo_line([laser], "RangeScanner", None, P3AT, UDK)
     robot = FakeRobot()
@@ -206,7 +206,7 @@ def test_geo_is_the_same_wherever_the_robot_stands() -> None:
 
 
 def test_conf_has_all_instances_in_one_line() -> None:
-    """Protocol checklist 127 and the template of 4.8."""
+    """Protocol 127 and the template of protocol 4.8."""
     pair = [make("Sonar", name, beam_angle=0.3491) for name in ("F1", "F2")]
     body = "{MaxRange 5.0000} {MinRange 0.1000} {BeamAngle 0.3491}"
     assert conf_line(pair, "Sonar", None, UT2004) == (
@@ -216,7 +216,7 @@ def test_conf_has_all_instances_in_one_line() -> None:
 
 
 def test_conf_of_the_sick_in_both_dialects() -> None:
-    """Checklist 75 and protocol reference 4.8."""
+    """Robots 75 and protocol reference 4.8."""
     laser = [make("SICK", "lms200")]
     assert conf_line(laser, "RangeScanner", "lms200", UDK) == (
         "CONF {Type RangeScanner} {Name lms200} {MaxRange 20.0000} {MinRange 0.1000} "
@@ -229,7 +229,7 @@ def test_conf_of_the_sick_in_both_dialects() -> None:
 
 
 def test_the_answer_has_the_canonical_type() -> None:
-    """Protocol checklist 128, however the client spells it."""
+    """Protocol 128, however the client spells it."""
     laser = [make("Hokuyo", "lms200")]
     for dialect in (UT2004, UDK):
         for line in (
@@ -242,7 +242,7 @@ def test_the_answer_has_the_canonical_type() -> None:
 
 @pytest.mark.parametrize("asked", [("Sonar", None), ("RangeScanner", "other"), ("SICK", None)])
 def test_no_match_gives_no_line(asked: tuple[str, str | None]) -> None:
-    """Protocol checklist 126: neither for an unknown type nor for an unknown name."""
+    """Protocol 126: neither for an unknown type nor for an unknown name."""
     laser = [make("SICK", "lms200")]
     for dialect in (UT2004, UDK):
         assert conf_line(laser, *asked, dialect) is None
@@ -264,7 +264,7 @@ def test_names_of_the_other_dialect_are_understood(name: str) -> None:
 
 @pytest.mark.parametrize("kind", sensor_types())
 def test_every_type_answers_both_requests(kind: str) -> None:
-    """Protocol checklist 125: what is streamed, and the battery, has GEO and CONF."""
+    """Protocol 125: what is streamed, and the battery, has GEO and CONF."""
     sensor = make(kind, "W1")
     for dialect in (UT2004, UDK):
         for line in (

@@ -1,4 +1,4 @@
-"""RFID readers and releasers (robots checklist 108, protocol checklist 40, 116, 163 to 165)."""
+"""RFID readers and releasers (robots 108, protocol 40, 116, 163 to 165)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ def ids(sensor: Any) -> list[int]:
 
 
 def test_the_line_repeats_id_location_and_mem() -> None:
-    """Protocol checklist 116, the template of 4.6: no Time in ut2004, nearest tag first."""
+    """Protocol 116, the template of protocol 4.6: no Time in ut2004, nearest tag
+    first."""
     stage = Stage(tags=(tag(131, 1.02, -0.61, -0.05, memory="x"), tag(118, 0.44, 0.20, -0.04)))
     sensor = stage.make("RFID", "RFIDReader")
     assert stage.read(sensor)
@@ -61,7 +62,7 @@ def test_places_are_relative_to_the_reader() -> None:
 
 
 def test_each_tag_in_range_is_reported_at_every_interval() -> None:
-    """Checklist 108: once per interval; a tag out of range is absent."""
+    """Robots 108: once per interval; a tag out of range is absent."""
     stage = Stage(tags=(tag(1, 5.9), tag(2, 6.1), tag(3, 1.0)))
     sensor = stage.make("RFID")
     assert sensor.interval(UT2004) == sensor.interval(UDK) == 0.2
@@ -80,7 +81,7 @@ def test_a_reader_is_silent_where_no_tag_is() -> None:
 
 
 def test_many_tags_make_no_line_too_long() -> None:
-    """Protocol checklist 107: the sixteen nearest, below 1024 bytes."""
+    """Protocol 107: the sixteen nearest, below 1024 bytes."""
     tags = tuple(tag(2_000_000_000 + n, -5.0 - n / 100, -1.0, -1.0) for n in range(40))
     stage = Stage(tags=tags)
     sensor = stage.make("RFID", "RFIDReader")
@@ -144,7 +145,7 @@ def test_rfidtag_wastes_no_single_shot() -> None:
 
 
 def test_write_then_read_returns_the_text() -> None:
-    """Checklist 108, protocol checklist 40 and 165: inner blanks are kept."""
+    """Robots 108, protocol 40 and 165: inner blanks are kept."""
     stage = Stage(tags=(tag(118, 1.0),))
     sensor, robot = stage.make("RFID"), FakeRobot()
     assert sensor.set("WRITE", "118 two  words here", robot) is SetResult.OK
@@ -187,7 +188,7 @@ def test_irregular_parameters_are_understood(params: str, text: str) -> None:
 @pytest.mark.parametrize("opcode", ["READ", "WRITE"])
 @pytest.mark.parametrize("params", ["", "  ", "abc", "8 x", "-7 x", "99999999999999999999", "9 x"])
 def test_what_cannot_be_addressed_fails(opcode: str, params: str) -> None:
-    """Protocol checklist 165: unknown numbers and nonsense fail; so do tags out of range."""
+    """Protocol 165: unknown numbers and nonsense fail; so do tags out of range."""
     stage = Stage(tags=(tag(7, 1.0), tag(9, 50.0)))
     assert stage.make("RFID").set(opcode, params, FakeRobot()) is SetResult.FAILED
 

@@ -1,5 +1,5 @@
-"""Laser range finders in a plane and in rows (robots reference 2.3, checklist 69 to 75; protocol
-checklist 102 to 106; protocol reference 4.6: RangeScanner3D and 3DRangeScanner).
+"""Laser range finders in a plane and in rows (robots reference 2.3, 69 to 75; protocol
+102 to 106; protocol reference 4.6: RangeScanner3D and 3DRangeScanner).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ ROOM = Scene(Box((-50, -3, -50), (50, -2, 50)), Box((-50, 4, -50), (50, 5, 50)),
     ("kind", "beams"), [("SICK", 181), ("Hokuyo", 228), ("RangeScanner", 21), ("IRScanner", 37)]
 )
 def test_the_number_of_readings(kind: str, beams: int) -> None:
-    """Checklist 69 and protocol checklist 103, in both dialects."""
+    """Robots 69 and protocol 103, in both dialects."""
     sensor = make(kind)
     read(sensor, scene=ROOM)
     for dialect in (UT2004, UDK):
@@ -48,7 +48,7 @@ def test_the_number_of_readings(kind: str, beams: int) -> None:
 
 @given(st.floats(0.1, 7.0), st.floats(1e-4, 0.5))
 def test_the_count_never_exceeds_what_clients_allocate(fov: float, resolution: float) -> None:
-    """Protocol checklist 103: at most round(printed FOV / printed Resolution) + 1."""
+    """Protocol 103: at most round(printed FOV / printed Resolution) + 1."""
     if resolution > fov:
         return
     scanner = make("RangeScanner", fov=fov, resolution=resolution)
@@ -70,7 +70,7 @@ def test_whole_steps_include_both_ends(steps: int, degrees: float) -> None:
 
 
 def test_the_scan_runs_from_right_to_left() -> None:
-    """Checklist 70: the first value is the right-hand beam, the last the left-hand one."""
+    """Robots 70: the first value is the right-hand beam, the last the left-hand one."""
     sensor = make("SICK")
     read(sensor, scene=ROOM)
     ranges = numbers(values(sensor)["Range"])
@@ -80,7 +80,7 @@ def test_the_scan_runs_from_right_to_left() -> None:
 
 
 def test_an_obstacle_on_the_right_is_in_the_first_half() -> None:
-    """Protocol checklist 104."""
+    """Protocol 104."""
     sensor = make("SICK")
     read(sensor, scene=Scene(Pole(3.0, -1.0, 0.1)))
     ranges = numbers(values(sensor, UT2004)["Range"])
@@ -109,7 +109,7 @@ def test_beam_angles_follow_the_announced_resolution() -> None:
     ],
 )
 def test_a_miss_prints_the_maximum_range(kind: str, udk: str, ut2004: str) -> None:
-    """Checklist 71 and protocol checklist 105."""
+    """Robots 71 and protocol 105."""
     sensor = make(kind)
     read(sensor, scene=Scene())
     assert set(values(sensor, UDK)["Range"].split(",")) == {udk}
@@ -117,7 +117,7 @@ def test_a_miss_prints_the_maximum_range(kind: str, udk: str, ut2004: str) -> No
 
 
 def test_the_minimum_range_is_applied_only_on_request() -> None:
-    """Checklist 72: 0.03 m reads 0.03, and is a miss with the strict option."""
+    """Robots 72: 0.03 m reads 0.03, and is a miss with the strict option."""
     plain, strict = make("SICK"), make("SICK", strict_min_range=True)
     scene = Scene(wall_ahead(0.03))
     read(plain, scene=scene)
@@ -130,14 +130,14 @@ def test_the_minimum_range_is_applied_only_on_request() -> None:
     ("distance", "text"), [(1.999, "1.99"), (2.0, "2.00"), (0.0099, "0.00"), (19.9951, "19.99")]
 )
 def test_values_have_two_truncated_digits(distance: float, text: str) -> None:
-    """Checklist 74: 1.999 prints 1.99."""
+    """Robots 74: 1.999 prints 1.99."""
     sensor = make("SICK")
     read(sensor, scene=Scene(wall_ahead(distance)))
     assert values(sensor)["Range"].split(",")[90] == text
 
 
 def test_conf_of_both_dialects() -> None:
-    """Checklist 75, protocol checklist 136: exact case, UT2004's spelling of Paning."""
+    """Robots 75, protocol 136: exact case, UT2004's spelling of Paning."""
     sick = make("SICK")
     assert text_of(sick.configuration(UT2004)) == (
         "{MaxRange 20.0000} {MinRange 0.1000} {Resolution 0.0174} {Fov 3.1415} "
@@ -164,7 +164,7 @@ def test_sen_of_both_dialects() -> None:
 
 
 def test_range_is_the_last_segment() -> None:
-    """Protocol checklist 102: Resolution, FOV, Range."""
+    """Protocol 102: Resolution, FOV, Range."""
     for dialect in (UT2004, UDK):
         keys = [key for key, _ in make("SICK").data(dialect)]
         assert keys == ["Resolution", "FOV", "Range"]
@@ -180,7 +180,7 @@ def test_range_is_the_last_segment() -> None:
     ],
 )
 def test_ut2004_lines_fit_old_line_buffers(options: dict[str, object]) -> None:
-    """Protocol checklist 106 and 5.2 number 14: below 2000 bytes, even when nothing is near."""
+    """Protocol 106 and 5.2 number 14: below 2000 bytes, even when nothing is near."""
     sensor = make(name="AScannerWithALongName", **options)
     read(sensor, scene=Scene())
     (line,) = sen_lines([sensor], 123456.78, UT2004)
@@ -214,7 +214,7 @@ def test_scan_asks_for_an_immediate_report(kind: str) -> None:
 
 
 def test_an_interval_of_zero_reports_on_scan_only() -> None:
-    """Protocol checklist 121: the scheduler sees 0."""
+    """Protocol 121: the scheduler sees 0."""
     assert make("SICK", interval=0.0).interval(UDK) == 0.0
 
 
@@ -223,7 +223,7 @@ def test_an_interval_of_zero_reports_on_scan_only() -> None:
     [("SICK", 0.2, 0.2), ("RangeScanner", 0.2, 0.2), ("Hokuyo", 0.2, 0.3), ("IRScanner", 0.2, 0.1)],
 )
 def test_intervals_are_those_of_the_class(kind: str, ut2004: float, udk: float) -> None:
-    """Appendix C of the protocol reference, 0.2 s in UT2004."""
+    """Protocol appendix C: 0.2 s in UT2004."""
     sensor = make(kind)
     assert (sensor.interval(UT2004), sensor.interval(UDK)) == (ut2004, udk)
 

@@ -67,7 +67,7 @@ def beams(sensor: Any, scene: Scene = WALL) -> Any:
 
 @pytest.mark.parametrize(("density", "reading"), [(0.0057, "3.00"), (0.0058, "0.00")])
 def test_hokuyo_is_blind_beyond_its_budget(density: float, reading: str) -> None:
-    """Checklist 76: over 1 m of smoke 0.0057 is within the budget of 0.00575, 0.0058 is not."""
+    """Robots 76: over 1 m of smoke 0.0057 is within the budget of 0.00575, 0.0058 is not."""
     scanner = make("Hokuyo", cloud(density), fov=0.1, resolution=0.05)
     assert read(scanner, None, WALL)
     middle = values(scanner)["Range"].split(",")[1]
@@ -75,7 +75,7 @@ def test_hokuyo_is_blind_beyond_its_budget(density: float, reading: str) -> None
 
 
 def test_sick_ignores_regional_smoke() -> None:
-    """Checklist 76: however dense, the SICK and the plain scanner see the wall behind it."""
+    """Robots 76: however dense, the SICK and the plain scanner see the wall behind it."""
     thick = Smoke(cloud(50.0).volumes, haze=10.0)
     for kind in ("SICK", "RangeScanner"):
         assert beams(make(kind, thick)).tolist() == beams(make(kind, Smoke())).tolist()

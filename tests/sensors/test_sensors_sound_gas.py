@@ -1,5 +1,5 @@
 """Ears, Sound of UT2004 and Acoustic of UDK, and the CO2 sensor (robots reference 2.9, robots
-checklist 109; protocol reference 4.6).
+109; protocol reference 4.6).
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def test_faint_sounds_are_not_heard() -> None:
 
 
 def test_the_form_of_the_line() -> None:
-    """Protocol reference 4.6 and checklist 96: two digits each, no Time in ut2004."""
+    """Protocol reference 4.6 and robots 96: two digits each, no Time in ut2004."""
     stage = Stage(sounds=(source(10.0, duration=1.2),))
     sensor = stage.make("Sound", "Sound")
     stage.read(sensor)
@@ -132,7 +132,8 @@ def test_volume_duration_and_delay() -> None:
 
 
 def test_directions_are_unit_vectors_with_z_up() -> None:
-    """Forward, right, up in the sensor's frame: the template of 4.6 is to the front left."""
+    """Forward, right, up in the sensor's frame: the template of protocol 4.6 is to the front
+    left."""
     stage = Stage(sounds=(source(5.0, 5.0, delay=0.5), source(0.0, -3.0, 4.0, delay=0.6)))
     sensor = stage.make("Acoustic")
     listen(stage, sensor, 0.0, 1.0)
@@ -170,7 +171,7 @@ def test_hidden_sources_count_double_unless_taken_literally() -> None:
 
 
 def test_many_sounds_make_no_line_too_long() -> None:
-    """Protocol checklist 107: the ten loudest, in the order in which they began."""
+    """Protocol 107: the ten loudest, in the order in which they began."""
     sources = tuple(source(3.0 + (n * 7) % 20, delay=0.1 + n / 100) for n in range(20))
     stage = Stage(sounds=sources)
     sensor = stage.make("Acoustic", "ExampleAcousticArray_0")
@@ -221,7 +222,7 @@ def density(stage: Stage, x: float = 0.0, **rest: Any) -> float:
 
 
 def test_density_rises_on_the_way_to_a_victim() -> None:
-    """Checklist 109: monotonically, on the wire, too, and zero far away."""
+    """Robots 109: monotonically, on the wire, too, and zero far away."""
     stage = Stage(person("Ann", 0.0, co2=0.05))
     found = [density(stage, -x) for x in (30.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.3)]
     assert found == sorted(found)
@@ -286,7 +287,7 @@ def test_noise_and_ambient_air() -> None:
 
 
 def test_the_form_of_the_line_gas() -> None:
-    """Protocol reference 4.6 and checklist 96: Gas, Density with four digits, no Time in ut2004."""
+    """Protocol reference 4.6 and robots 96: Gas, Density with four digits, no Time in ut2004."""
     stage = Stage()
     sensor = stage.make("CO2Sensor", "CO2", ambient=0.04)
     stage.read(sensor)

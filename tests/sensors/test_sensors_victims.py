@@ -1,4 +1,4 @@
-"""The victim sensor (robots checklist 105 to 107, protocol checklist 94, 107, 114, 115)."""
+"""The victim sensor (robots 105 to 107, protocol 94, 107, 114, 115)."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def truth(stage: Stage, part: str, time: float = 0.0) -> list[np.ndarray]:
 
 
 def test_somebody_in_the_middle_is_found() -> None:
-    """Checklist 105: at 3 m several parts are named, each within 3 sigma (0.15 m) of the truth."""
+    """Robots 105: at 3 m several parts are named, each within 3 sigma (0.15 m) of the truth."""
     stage = Stage(person("Ann", 3.0))
     found = report(stage, stage.make("VictSensor"))
     assert {"Chest", "Arm"} <= {name for name, _ in found}
@@ -58,7 +58,7 @@ def test_somebody_in_the_middle_is_found() -> None:
 
 
 def test_a_report_is_complete_at_every_fourth_interval() -> None:
-    """Checklist 105: one report in 0.8 s, and the interval of a quarter is 0.2 s."""
+    """Robots 105: one report in 0.8 s, and the interval of a quarter is 0.2 s."""
     stage = Stage(person("Ann", 3.0))
     sensor = stage.make("VictSensor")
     assert sensor.interval(UT2004) == sensor.interval(UDK) == 0.2
@@ -67,7 +67,7 @@ def test_a_report_is_complete_at_every_fourth_interval() -> None:
 
 @pytest.mark.parametrize("dialect", [UT2004, UDK])
 def test_nobody_is_there(dialect: Any) -> None:
-    """Protocol checklist 94 and 114: Name, then Status NoVictims, in both dialects with Time."""
+    """Protocol 94 and 114: Name, then Status NoVictims, in both dialects with Time."""
     stage = Stage()
     sensor = stage.make("VictSensor", "VictSensor")
     report(stage, sensor)
@@ -91,7 +91,7 @@ def test_the_name_can_be_left_out_where_nobody_is() -> None:
 @pytest.mark.parametrize("posture", ["standing", "sitting", "lying"])
 @pytest.mark.parametrize("turn", [0.0, 1.5, 3.1])
 def test_part_names_are_those_that_clients_know(posture: str, turn: float) -> None:
-    """Protocol checklist 115: Arm, Hand, Chest, Pelvis, Leg, Foot; never Head."""
+    """Protocol 115: Arm, Hand, Chest, Pelvis, Leg, Foot; never Head."""
     stage = Stage(person("Ann", 2.0, posture=posture, yaw=turn))
     robot = FakeRobot(pose=Pose((0.0, 0.0, 0.0), quaternion_from_rpy(0.0, 0.15, 0.0)))
     sensor = stage.make("VictSensor", vertical_fov=1.5)
@@ -112,14 +112,14 @@ def test_a_head_is_sent_to_those_who_ask_for_it() -> None:
 
 @pytest.mark.parametrize(("distance", "seen"), [(1.0, True), (3.8, True), (4.4, False)])
 def test_the_range_ends_at_max_range(distance: float, seen: bool) -> None:
-    """Checklist 106: nobody is found beyond the sensor's distance of 4 m."""
+    """Robots 106: nobody is found beyond the sensor's distance of 4 m."""
     stage = Stage(person("Ann", distance))
     assert bool(report(stage, stage.make("VictSensor"))) is seen
 
 
 @pytest.mark.parametrize(("degrees", "seen"), [(0, True), (18, True), (-18, True), (40, False)])
 def test_the_view_ends_at_half_the_field(degrees: float, seen: bool) -> None:
-    """Checklist 106: nobody is found outside 20 degrees of the axis."""
+    """Robots 106: nobody is found outside 20 degrees of the axis."""
     angle = math.radians(degrees)
     stage = Stage(person("Ann", 3 * math.cos(angle), 3 * math.sin(angle)))
     assert bool(report(stage, stage.make("VictSensor"))) is seen
@@ -220,7 +220,7 @@ def test_several_victims_come_nearest_first() -> None:
 
 
 def test_a_crowd_does_not_make_the_line_too_long() -> None:
-    """Protocol checklist 107: below 1024 bytes, whoever is in view."""
+    """Protocol 107: below 1024 bytes, whoever is in view."""
     crowd = [person(f"MaleVictim_{n}", 30.0 + n % 3, (n - 6) * 1.2) for n in range(12)]
     stage = Stage(*crowd)
     sensor = stage.make("VictSensor", "VictSensor", max_range=50.0, step=0.02)
@@ -273,7 +273,7 @@ def rate(distance: float, reports: int = 600, **facts: Any) -> float:
 
 @pytest.mark.parametrize("distance", [0.7, 1.5, 2.5, 3.7])
 def test_false_alarms_come_as_often_as_chance_has_it(distance: float) -> None:
-    """Checklist 107 and robots reference 2.9: |d N(0, s)| > s D / 3 in one of the four quarters."""
+    """Robots 107 and robots reference 2.9: |d N(0, s)| > s D / 3 in one of the four quarters."""
     once = math.erfc(4.0 / (3.0 * distance) / math.sqrt(2.0))
     expected = 1.0 - (1.0 - once) ** 4
     deviation = math.sqrt(expected * (1.0 - expected) / 600) + 1e-3
@@ -281,7 +281,7 @@ def test_false_alarms_come_as_often_as_chance_has_it(distance: float) -> None:
 
 
 def test_false_alarms_are_rarer_when_near() -> None:
-    """Checklist 107: more often at larger distance."""
+    """Robots 107: more often at larger distance."""
     rates = [rate(distance, 200) for distance in (0.6, 1.2, 2.0, 3.6)]
     assert rates == sorted(rates)
     assert rates[0] < 0.2 < 0.9 < rates[-1]
@@ -308,7 +308,7 @@ def test_hidden_or_distant_false_alarms_deceive_nobody() -> None:
 
 
 def test_equal_seeds_give_equal_reports() -> None:
-    """Checklist 113: the error comes from the sensor's own stream."""
+    """Robots 113: the error comes from the sensor's own stream."""
     stage = Stage(person("Ann", 3.0), false_alarms=(alarm_at(2.5),))
     runs = []
     for seed in (5, 5, 6):

@@ -1,4 +1,4 @@
-"""Odometry and tachometer (robots reference 2.4, checklist 79 to 81, 85; protocol checklist 108,
+"""Odometry and tachometer (robots reference 2.4, 79 to 81, 85; protocol 108,
 109, 119).
 """
 
@@ -39,7 +39,7 @@ def drive(sensor, robot, left: float, right: float, steps: int = 1) -> list[floa
 
 
 def test_it_is_zero_at_spawn() -> None:
-    """Protocol checklist 108, whatever the wheels' angles are by then."""
+    """Protocol 108, whatever the wheels' angles are by then."""
     sensor, robot = make("Odometry"), FakeRobot()
     robot.roll_wheels(5.0, -7.0)
     assert read(sensor, robot)
@@ -47,7 +47,7 @@ def test_it_is_zero_at_spawn() -> None:
 
 
 def test_two_metres_straight_read_two_metres() -> None:
-    """Checklist 79, within 1 %, and no sideways motion."""
+    """Robots 79, within 1 %, and no sideways motion."""
     sensor, robot = make("Odometry"), FakeRobot()
     read(sensor, robot)
     x, y, theta = drive(sensor, robot, 2.0 / RADIUS, 2.0 / RADIUS, steps=20)
@@ -56,7 +56,7 @@ def test_two_metres_straight_read_two_metres() -> None:
 
 
 def test_reset_returns_to_zero() -> None:
-    """Checklist 79, protocol checklist 109: the present place becomes the origin."""
+    """Robots 79, protocol 109: the present place becomes the origin."""
     sensor, robot = make("Odometry"), FakeRobot()
     read(sensor, robot)
     drive(sensor, robot, 10.0, 8.0, steps=5)
@@ -73,7 +73,7 @@ def test_other_opcodes_are_unknown() -> None:
 
 
 def test_a_clockwise_turn_increases_theta_without_wrapping() -> None:
-    """Protocol checklist 108; two turns read 4 pi."""
+    """Protocol 108; two turns read 4 pi."""
     sensor, robot = make("Odometry"), FakeRobot()
     read(sensor, robot)
     wheel = 4 * math.pi * TRACK / 2 / RADIUS
@@ -83,7 +83,7 @@ def test_a_clockwise_turn_increases_theta_without_wrapping() -> None:
 
 
 def test_turns_use_the_announced_geometric_track() -> None:
-    """Checklist 80: with an effective track 1/rho wider the robot truly turns rho as much."""
+    """Robots 80: with an effective track 1/rho wider the robot truly turns rho as much."""
     rho = 0.67
     sensor, robot = make("Odometry"), FakeRobot()
     read(sensor, robot)
@@ -136,7 +136,7 @@ def test_free_wheels_do_not_count() -> None:
 
 
 def test_it_is_silent_on_other_kinds_of_robots() -> None:
-    """Checklist 81; RESET does no harm there."""
+    """Robots 81; RESET does no harm there."""
     sensor = make("Odometry", robot=describe_robot(kind="ackerman"))
     assert not read(sensor)
     assert sensor.set("RESET", "", FakeRobot()) is SetResult.OK
@@ -176,7 +176,7 @@ def test_call_times_do_not_matter_on_a_straight(pauses: list[float]) -> None:
 
 
 def test_conf_and_sen_of_both_dialects() -> None:
-    """Protocol reference 4.6 and 4.8; Time in udk only (protocol checklist 96)."""
+    """Protocol reference 4.6 and 4.8; Time in udk only (protocol 96)."""
     sensor = make("Odometry", "Odometry")
     assert text_of(sensor.configuration(UT2004)) == (
         "{ScanInterval 0.2000} {EncoderResolution 0.0099}"
@@ -201,7 +201,7 @@ def spin(robot: FakeRobot, seconds: float) -> None:
 
 
 def test_vel_is_the_wheel_speed_and_pos_lags_by_one_interval() -> None:
-    """Checklist 85, wheels in part order."""
+    """Robots 85, wheels in part order."""
     sensor, robot = make("Tachometer"), FakeRobot()
     assert read(sensor, robot)
     for count in range(1, 6):
@@ -223,7 +223,7 @@ def test_vel_is_the_mean_over_the_interval() -> None:
 
 
 def test_the_first_report_has_both_lists() -> None:
-    """Protocol checklist 119 from the first line on: momentary spin, zero angles."""
+    """Protocol 119 from the first line on: momentary spin, zero angles."""
     sensor, robot = make("Tachometer"), FakeRobot(wheel_speeds=SPEEDS)
     assert read(sensor, robot)
     assert numbers(values(sensor)["Vel"]) == pytest.approx(SPEEDS)

@@ -1,4 +1,4 @@
-"""The ComServer over sockets (side channels reference 5, checks 79 to 87)."""
+"""The ComServer over sockets (side channels reference 5, 79 to 87)."""
 
 from __future__ import annotations
 
@@ -57,7 +57,8 @@ def team() -> Iterator[Team]:
 
 class TestControl:
     def test_register(self) -> None:
-        """OK; without line end, again with the same address, not with another (check 79)."""
+        """OK; without line end, again with the same address, not with another
+        (side channels 79)."""
         with Running(Line(A=0)) as running:
             talker = running.com_talker()
             talker.socket.sendall(b"REGISTER A 127.0.0.1;")
@@ -68,7 +69,7 @@ class TestControl:
             )
 
     def test_listen(self) -> None:
-        """Only for registered robots, and not twice on the first port (check 80)."""
+        """Only for registered robots, and not twice on the first port (side channels 80)."""
         with Running(Line()) as running:
             team = Team(running)
             assert team.say("LISTEN A 7000;") == "Fail: Robot A not registered;"
@@ -80,7 +81,7 @@ class TestControl:
             assert team.say("LISTEN A 7001;") == "OK;"
 
     def test_registrations_outlive_connections(self) -> None:
-        """Closing the control connection undoes nothing (5.1)."""
+        """Closing the control connection undoes nothing (side channels 5.1)."""
         with Running(Line(A=0, B=1)) as running:
             team = Team(running)
             team.introduce()
@@ -89,7 +90,7 @@ class TestControl:
             team.open()
 
     def test_messages_that_are_none(self) -> None:
-        """Wrong word counts and unknown verbs have their Fail texts (check 87)."""
+        """Wrong word counts and unknown verbs have their Fail texts (side channels 87)."""
         with Running(Line()) as running:
             team = Team(running)
             assert team.say("REGISTER A;") == "Fail: Incorrect Message;"
@@ -106,7 +107,7 @@ class TestControl:
             assert answers == [b"OK", b"OK", b"Fail: Robot B not registered"]
 
     def test_strength(self) -> None:
-        """The strength of the model, for those who are concerned (check 86)."""
+        """The strength of the model, for those who are concerned (side channels 86)."""
         with Running(Line(A=0, B=9)) as running:
             team = Team(running)
             team.introduce()
@@ -129,7 +130,8 @@ class TestControl:
 
 class TestLinks:
     def test_payload_only(self, team: Team) -> None:
-        """SEND 5 hello; delivers hello to the other, which hears nothing else (checks 81, 82)."""
+        """SEND 5 hello; delivers hello to the other, which hears nothing else (side channels 81,
+        82)."""
         a, b = team.open()
         a.sendall(b"SEND 5 hello;")
         assert received(b, 5) == b"hello"
@@ -137,7 +139,8 @@ class TestLinks:
         assert received(a, 2) == b"hi"
 
     def test_binary_payload(self, team: Team) -> None:
-        """1000 bytes with semicolons and zeros arrive intact, in small pieces, too (check 83)."""
+        """1000 bytes with semicolons and zeros arrive intact, in small pieces, too
+        (side channels 83)."""
         a, b = team.open()
         payload = (b";\0" + random.Random(1).randbytes(998))[:1000]
         message = b"SEND 1000 " + payload + b";"
@@ -149,7 +152,7 @@ class TestLinks:
 
     @pytest.mark.parametrize("how", ["close", "hang up"])
     def test_close(self, how: str, team: Team) -> None:
-        """CLOSE; or the end of one side close both (check 84)."""
+        """CLOSE; or the end of one side close both (side channels 84)."""
         a, b = team.open()
         a.sendall(b"SEND 3 bye;")
         if how == "close":
@@ -161,7 +164,7 @@ class TestLinks:
         assert closed(b)
 
     def test_a_port_is_used_up(self, team: Team) -> None:
-        """OPEN on a consumed LISTEN entry fails (check 85)."""
+        """OPEN on a consumed LISTEN entry fails (side channels 85)."""
         team.open()
         assert team.say(f"OPEN A {team.a} B {team.b};") == (
             f"Fail: B not listening on port {team.b};"
@@ -169,7 +172,8 @@ class TestLinks:
         assert team.say("OPEN A 1 Nobody 2;") == "Fail: Nobody not listening on port 2;"
 
     def test_out_of_reach(self) -> None:
-        """OPEN fails and uses nothing up; an open link ends at its next SEND (5.4)."""
+        """OPEN fails and uses nothing up; an open link ends at its next SEND
+        (side channels 5.4)."""
         with Running(Line(A=0, B=FAR)) as running:
             team = Team(running)
             team.introduce()

@@ -22,7 +22,7 @@ SLOW = OutboxLimits(stream_bytes=64 * 1024)
 
 
 def test_greeting_is_the_first_and_only_line(control):
-    """Checklist 2 and 5: one NFO line on accept, before any input, then silence."""
+    """Protocol 2 and 5: one NFO line on accept, before any input, then silence."""
     server = control()
     client = server.connect(greet=False)
     assert client.line() == GREETING
@@ -49,7 +49,7 @@ def test_greeting_comes_before_lines_of_a_hasty_session(control):
 
 
 def test_command_in_one_byte_packets_is_executed(control):
-    """Checklist 26 and 27: one byte per packet, executed when the terminator comes."""
+    """Protocol 26 and 27: one byte per packet, executed when the terminator comes."""
     client, session = control().pair()
     for byte in b"DRIVE {Left 1.0}":
         client.send(bytes([byte]))
@@ -63,7 +63,7 @@ def test_command_in_one_byte_packets_is_executed(control):
 
 @pytest.mark.parametrize("end", [b"\r\n", b"\n", b"\r", b"\n\r", b"\r\n\n"])
 def test_every_line_end_counts_once(control, end):
-    """Checklist 21 to 24: CR LF, LF, CR and LF CR each end a command, at once and only once."""
+    """Protocol 21 to 24: CR LF, LF, CR and LF CR each end a command, at once and only once."""
     client, session = control().pair()
     client.send(b"GETCONF {Name a}" + end)
     assert client.line() == b"CONF {Name a}\r\n"
@@ -73,7 +73,7 @@ def test_every_line_end_counts_once(control, end):
 
 
 def test_commands_of_one_packet_are_handed_over_in_order(control):
-    """Checklist 25 and 30: several commands in one packet, replies in the order of requests."""
+    """Protocol 25 and 30: several commands in one packet, replies in the order of requests."""
     client, session = control().pair()
     client.send(b"INIT {ClassName USARBot.P2AT}\r\nGETCONF {Name 1}\r\nGETCONF {Name 2}\r\n")
     assert [client.line(), client.line()] == [b"CONF {Name 1}\r\n", b"CONF {Name 2}\r\n"]
@@ -81,7 +81,7 @@ def test_commands_of_one_packet_are_handed_over_in_order(control):
 
 
 def test_glued_commands_are_both_executed(control):
-    """Checklist 29: a command without terminator does not swallow the one glued to it."""
+    """Protocol 29: a command without terminator does not swallow the one glued to it."""
     client, session = control().pair()
     client.send(
         b"SET {Type RFIDReleaser} {Name Gun} {Opcode Release}DRIVE {Left 1.0} {Right 1.0}\r\n"
@@ -103,7 +103,7 @@ def test_order_survives_any_cutting_into_packets(control):
 
 
 def test_random_bytes_do_not_end_the_connection(control):
-    """Checklist 19: after 1000 lines of random bytes a valid command still works."""
+    """Protocol 19: after 1000 lines of random bytes a valid command still works."""
     client, _ = control().pair()
     generator = random.Random(19)
     for _ in range(1000):
@@ -113,7 +113,7 @@ def test_random_bytes_do_not_end_the_connection(control):
 
 
 def test_long_lines_are_processed_and_endless_ones_discarded(control, caplog):
-    """Checklist 20: 65536 bytes are a command, a MiB without terminator is thrown away."""
+    """Protocol 20: 65536 bytes are a command, a MiB without terminator is thrown away."""
     caplog.set_level("INFO", "usarsim")
     client, session = control().pair()
     command = b"GETCONF {Name long}"
@@ -158,7 +158,7 @@ def test_agent_is_called_on_the_event_loop(control):
 
 
 def test_every_line_is_one_send_call(control, monkeypatch):
-    """Checklist 10: a trace of the send calls shows one call per line, never two lines or half."""
+    """Protocol 10: a trace of the send calls shows one call per line, never two lines or half."""
     calls = []
     send = socket.socket.send
 
@@ -180,7 +180,7 @@ def test_every_line_is_one_send_call(control, monkeypatch):
 
 
 def test_no_send_call_holds_parts_of_two_lines_when_the_client_is_slow(control, monkeypatch):
-    """Checklist 10 and 17: a line is continued in full buffers, never joined to another."""
+    """Protocol 10 and 17: a line is continued in full buffers, never joined to another."""
     calls = []
     send = socket.socket.send
 
@@ -201,7 +201,7 @@ def test_no_send_call_holds_parts_of_two_lines_when_the_client_is_slow(control, 
 
 
 def test_accepted_sockets_send_at_once_and_have_small_buffers(control, monkeypatch):
-    """Checklist 11: TCP_NODELAY is set; dead machines are noticed; kernel buffers are bounded."""
+    """Protocol 11: TCP_NODELAY is set; dead machines are noticed; kernel buffers are bounded."""
     accepted = []
     tune = listener.tune
 
@@ -221,7 +221,7 @@ def test_accepted_sockets_send_at_once_and_have_small_buffers(control, monkeypat
 
 
 def test_slow_reader_loses_whole_streamed_lines_and_no_reply(control, caplog):
-    """Checklist 17 and 18: after a pause every line is whole and in order, replies complete."""
+    """Protocol 17 and 18: after a pause every line is whole and in order, replies complete."""
     caplog.set_level("INFO", "usarsim")
     server = control(ControlLimits(outbox=SLOW, receive_buffer=8192, send_buffer=8192))
     client, session = server.pair(receive_buffer=8192)
@@ -289,7 +289,7 @@ def test_agent_can_end_its_connection(control):
 
 
 def test_64_clients_that_never_read_delay_nobody_and_stay_bounded(control):
-    """Checklist 12 and 16: 64 silent clients cost their budget each, another is served."""
+    """Protocol 12 and 16: 64 silent clients cost their budget each, another is served."""
     outbox = OutboxLimits(stream_bytes=8192)
     server = control(
         ControlLimits(max_connections=65, outbox=outbox, receive_buffer=4096, send_buffer=4096)

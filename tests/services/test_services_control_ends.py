@@ -41,7 +41,7 @@ def end_by_half_close(client):
 
 @pytest.mark.parametrize("end", [end_by_close, end_by_reset, end_by_half_close])
 def test_every_kind_of_close_ends_the_agent_promptly_and_once(control, end):
-    """Checklist 13 and 14: close, reset and half-close end the session."""
+    """Protocol 13 and 14: close, reset and half-close end the session."""
     server = control()
     client, session = server.pair()
     end(client)
@@ -49,7 +49,7 @@ def test_every_kind_of_close_ends_the_agent_promptly_and_once(control, end):
     assert eventually(lambda: server.service.connections == 0)
     time.sleep(0.02)
     assert session.closes == 1
-    assert session.commands == [], "a line without terminator is no command (checklist 27)"
+    assert session.commands == [], "a line without terminator is no command (protocol 27)"
     assert session.outbox.closed
 
 
@@ -64,7 +64,7 @@ def test_close_ends_the_agent_while_output_is_stuck(control, end):
 
 
 def test_half_closed_client_sees_the_end(control):
-    """Checklist 14: the server answers a half-close by closing too."""
+    """Protocol 14: the server answers a half-close by closing too."""
     client, _ = control().pair()
     client.socket.shutdown(socket.SHUT_WR)
     assert client.line() == b""
@@ -80,7 +80,7 @@ def test_commands_before_the_close_are_still_handed_over(control):
 
 
 def test_client_can_come_back(control):
-    """Checklist 15: after a close the same client connects anew and gets a new session."""
+    """Protocol 15: after a close the same client connects anew and gets a new session."""
     server = control()
     for _ in range(3):
         client, session = server.pair()
@@ -92,7 +92,7 @@ def test_client_can_come_back(control):
 
 
 def test_connection_beyond_the_limit_is_closed_at_once(control, caplog):
-    """Checklist 12: 64 are served, the 65th reads nothing but the end; a free place is given on."""
+    """Protocol 12: 64 are served, the 65th reads nothing but the end; a free place is given on."""
     server = control()
     clients = [server.connect() for _ in range(64)]
     surplus = server.connect(greet=False)
@@ -200,7 +200,7 @@ def test_forgotten_notice_delays_reading_but_does_not_stop_it(control):
 
 @pytest.mark.parametrize("end", [end_by_reset, lambda client: client.close()])
 def test_close_behind_a_flood_is_noticed(control, end):
-    """Checklist 13: a client that floods and closes goes at once, though its input is unread."""
+    """Protocol 13: a client that floods and closes goes at once, though its input is unread."""
     server = control(ControlLimits(backlog_high=50, backlog_low=10), hold=True)
     client, session = server.pair()
     client.send(FLOOD * 1000)  # about half of the receive buffer

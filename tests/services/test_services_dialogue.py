@@ -64,12 +64,13 @@ def ground(answers: Callable[..., list[str | None]] = echo, **options: object) -
 
 
 def test_nothing_is_said_on_connecting(start: Start) -> None:
-    """47: the client speaks first."""
+    """Side channels 47: the client speaks first."""
     assert start(ground()).connect().silent_for(0.3)
 
 
 def test_requests_are_answered_in_order_however_they_arrive(start: Start) -> None:
-    """54, 55, 61: several in one segment, one in several, unknown ones not at all, CR LF behind."""
+    """Side channels 54, 55, 61: several in one segment, one in several, unknown ones not at all, CR
+    LF behind."""
     client = start(ground()).connect()
     client.send(b"GET1\r\nGET2\n\nHELLO\rGET3\r\n")
     assert [client.line() for _ in range(3)] == [b"GOT GET1\r\n", b"GOT GET2\r\n", b"GOT GET3\r\n"]
@@ -81,7 +82,7 @@ def test_requests_are_answered_in_order_however_they_arrive(start: Start) -> Non
 
 
 def test_an_empty_reply_is_an_empty_line(start: Start) -> None:
-    """60: an incomplete request is answered by CR LF alone."""
+    """Side channels 60: an incomplete request is answered by CR LF alone."""
     client = start(ground(lambda lines: [""])).connect()
     client.send(b"GETOBS {From a}\r\n")
     assert client.line() == b"\r\n"
@@ -141,7 +142,8 @@ def test_who_does_not_read_is_not_asked_further(start: Start) -> None:
 
 
 def test_who_hangs_up_in_the_middle_disturbs_nobody(start: Start) -> None:
-    """97: a query and an immediate end, a reset, half a request: the others do not notice."""
+    """Side channels 97: a query and an immediate end, a reset, half a request: the others do not
+    notice."""
     running = start(ground())
     stay = running.connect()
     for farewell in (b"GET1\r\n" * 50, b"GET", b""):
@@ -230,7 +232,7 @@ def truth(answer: Callable[[str], str] = listing) -> DialogueService:
 
 
 def test_every_line_is_a_query_even_an_empty_one(start: Start) -> None:
-    """88, 89: CR LF alone is answered, a split CR LF once."""
+    """Side channels 88, 89: CR LF alone is answered, a split CR LF once."""
     client = start(truth()).connect()
     assert client.silent_for(0.2)
     client.send(b"\r\n")
@@ -243,7 +245,7 @@ def test_every_line_is_a_query_even_an_empty_one(start: Start) -> None:
 
 
 def test_a_listing_arrives_in_one_piece(start: Start) -> None:
-    """95: 64 actors in the first read after data is there."""
+    """Side channels 95: 64 actors in the first read after data is there."""
     whole = "".join(f"{{Name P3AT_{n}}} {'x' * 100}\r\n" for n in range(64)) + "{End}\r\n"
     client = start(truth(lambda line: whole)).connect()
     for _ in range(5):

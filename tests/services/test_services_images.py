@@ -50,20 +50,21 @@ def replies_to(client: ImageClient, data: bytes, count: int) -> list[tuple[int, 
 @pytest.mark.parametrize(
     ("data", "count"),
     [
-        pytest.param(b"OK", 1, id="check 3"),
-        pytest.param(b"OK\r\n", 1, id="check 4"),
-        pytest.param(b"\r\nOK", 1, id="check 5"),
-        pytest.param(b"ok", 0, id="check 6"),
-        pytest.param(b"OOK", 0, id="check 7"),
-        pytest.param(b"OOKOK", 1, id="check 7"),
-        pytest.param(b"OK" * 5, 5, id="check 9"),
-        pytest.param(b"\0\0\0" + TILE_REQUEST, 1, id="check 22"),
-        pytest.param(rectangle(0x4F4B4F4B, 0x55555555, 0x4F4B, 1), 1, id="check 24"),
-        pytest.param(TILE_REQUEST + b"OK", 2, id="check 26"),
+        pytest.param(b"OK", 1, id="side channels 3"),
+        pytest.param(b"OK\r\n", 1, id="side channels 4"),
+        pytest.param(b"\r\nOK", 1, id="side channels 5"),
+        pytest.param(b"ok", 0, id="side channels 6"),
+        pytest.param(b"OOK", 0, id="side channels 7"),
+        pytest.param(b"OOKOK", 1, id="side channels 7"),
+        pytest.param(b"OK" * 5, 5, id="side channels 9"),
+        pytest.param(b"\0\0\0" + TILE_REQUEST, 1, id="side channels 22"),
+        pytest.param(rectangle(0x4F4B4F4B, 0x55555555, 0x4F4B, 1), 1, id="side channels 24"),
+        pytest.param(TILE_REQUEST + b"OK", 2, id="side channels 26"),
     ],
 )
 def test_each_request_has_exactly_one_reply(images, data: bytes, count: int) -> None:
-    """Checks 3 to 9, 22, 24, 26: n requests give n replies; everything else gives nothing."""
+    """Side channels 3 to 9, 22, 24, 26: n requests give n replies; everything else gives
+    nothing."""
     client = images().connect()
     replies_to(client, data, count)
     replies_to(client, b"OK", 1)
@@ -71,7 +72,7 @@ def test_each_request_has_exactly_one_reply(images, data: bytes, count: int) -> 
 
 @pytest.mark.parametrize("request_bytes", [b"OK", TILE_REQUEST])
 def test_request_byte_by_byte_has_one_reply(images, request_bytes: bytes) -> None:
-    """Checks 8 and 23: pauses inside a request do not matter."""
+    """Side channels 8 and 23: pauses inside a request do not matter."""
     client = images().connect()
     for byte in request_bytes[:-1]:
         client.send(bytes([byte]))
@@ -82,7 +83,7 @@ def test_request_byte_by_byte_has_one_reply(images, request_bytes: bytes) -> Non
 
 @pytest.mark.parametrize("number", [0, 1, 3, 5, 259])
 def test_type_is_the_same_for_both_kinds_of_request(images, number: int) -> None:
-    """Checks 11 and 12: the configured type; JPEGs decode to the size asked for."""
+    """Side channels 11 and 12: the configured type; JPEGs decode to the size asked for."""
     client = images(FakeSource(), ImageType(number)).connect()
     replies = replies_to(client, b"OK" + TILE_REQUEST, 2)
     assert [kind for kind, _ in replies] == [number % 256] * 2
@@ -92,7 +93,7 @@ def test_type_is_the_same_for_both_kinds_of_request(images, number: int) -> None
 
 
 def test_rectangle_of_the_frame_is_the_frame(images) -> None:
-    """Check 20."""
+    """Side channels 20."""
     client = images().connect()
     full, cut = replies_to(client, b"OK" + rectangle(0, 0, GRID.width, GRID.height), 2)
     assert full == cut
@@ -111,7 +112,7 @@ def test_rectangle_of_the_frame_is_the_frame(images) -> None:
     ],
 )
 def test_rectangle_outside_has_an_empty_reply(images, image_type, payload, asked) -> None:
-    """Check 25: one empty picture, no rendering, and the connection lives on."""
+    """Side channels 25: one empty picture, no rendering, and the connection lives on."""
     running = images(FakeSource(), image_type)
     client = running.connect()
     assert replies_to(client, rectangle(*asked), 1) == [(image_type.byte, payload)]
@@ -120,7 +121,7 @@ def test_rectangle_outside_has_an_empty_reply(images, image_type, payload, asked
 
 
 def test_each_request_gets_the_newest_picture(images) -> None:
-    """Check 34: pictures follow the renderer; a repeat without news is the same picture."""
+    """Side channels 34: pictures follow the renderer; a repeat without news is the same picture."""
     running = images()
     client = running.connect()
     for value in (7, 9, 250):
@@ -158,7 +159,7 @@ def test_type_byte_leaves_by_itself(images, monkeypatch, data: bytes, lengths: l
 
 
 def test_requests_every_ten_milliseconds_are_all_answered(images) -> None:
-    """Check 33: repeats or not."""
+    """Side channels 33: repeats or not."""
     client = images().connect()
     for _ in range(30):
         client.send(b"OK\r\n")
@@ -205,21 +206,21 @@ def test_copies_are_told_from_news() -> None:
 
 
 def test_nothing_is_sent_unasked(images) -> None:
-    """Check 2: without legacy mode a silent client gets nothing."""
+    """Side channels 2: without legacy mode a silent client gets nothing."""
     running = images()
     assert running.connect().silent_for(0.5)
     assert running.source.looked_at == set(), "nobody looks, nothing is rendered"
 
 
 def test_legacy_mode_pushes_one_picture(images) -> None:
-    """Check 27: one picture on connect, then request and reply as always."""
+    """Side channels 27: one picture on connect, then request and reply as always."""
     client = images(legacy=True, silent_push=0.05).connect()
     replies_to(client, b"", 1)
     replies_to(client, b"OK", 1)
 
 
 def test_legacy_mode_and_an_immediate_request_are_two_pictures(images) -> None:
-    """Check 28."""
+    """Side channels 28."""
     replies_to(images(legacy=True).connect(), b"OK", 2)
 
 
@@ -239,7 +240,7 @@ def test_silent_client_gets_one_picture(images) -> None:
 
 @pytest.mark.parametrize("word", [b"OK", b"O", b"\0"])
 def test_client_that_speaks_in_time_gets_no_push(images, monkeypatch, word: bytes) -> None:
-    """Check 29: whatever it says first, only what it asked for is sent."""
+    """Side channels 29: whatever it says first, only what it asked for is sent."""
     running = images(silent_push=1.0, stopped_clock=True)
     heard: list[bytes] = []
     sock_recv = running.loop.sock_recv

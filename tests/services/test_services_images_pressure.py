@@ -177,7 +177,7 @@ def ask_and_stall(running: RunningImages, requests: bytes = b"OK") -> ImageClien
 
 
 def test_stalled_clients_do_not_hold_up_others(images) -> None:
-    """Check 30: beside twenty that stall, a client that reads gets all it asks for."""
+    """Side channels 30: beside twenty that stall, a client that reads gets all it asks for."""
     running = images(FakeSource(BIG))
     stalled = [ask_and_stall(running, b"OK" * 50) for _ in range(20)]
     reader = running.connect()
@@ -191,7 +191,8 @@ def test_stalled_clients_do_not_hold_up_others(images) -> None:
 
 
 def test_client_that_stalls_and_goes_on_has_an_intact_stream(images) -> None:
-    """Check 31: pictures are whole, in order and one per request, however late they are read."""
+    """Side channels 31: pictures are whole, in order and one per request, however late they are
+    read."""
     running = images(FakeSource(BIG))
     client = ask_and_stall(running, b"OK" * 8)
     for value in range(1, 30):
@@ -232,7 +233,7 @@ def test_flood_of_requests_waits_in_tcp(images) -> None:
 
 
 def test_client_that_leaves_in_the_middle_of_a_picture_disturbs_nobody(images, caplog) -> None:
-    """Check 32: reset, close and half-close after half a picture."""
+    """Side channels 32: reset, close and half-close after half a picture."""
     running = images(FakeSource(BIG))
     witness = running.connect()
     for end in ("reset", "close", "half"):

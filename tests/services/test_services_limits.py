@@ -275,7 +275,7 @@ def test_requests_with_long_answers_cost_more(control) -> None:
 
 @pytest.mark.parametrize("end", [Client.close, Client.reset])
 def test_client_that_is_held_back_may_go(control, end) -> None:
-    """Checklist 13 and 14: to have sent too much delays no goodbye."""
+    """Protocol 13 and 14: to have sent too much delays no goodbye."""
     server = control(ControlLimits(rate=200.0))
     client, session = server.pair()
     client.send(b"{}ACT" * 4000 + b"\r\n")
@@ -362,7 +362,7 @@ def test_refusals_are_spaced(control, monkeypatch) -> None:
 
 
 def test_longest_line_can_be_set(control, caplog) -> None:
-    """Checklist 20: a lab may allow longer lines; what is longer still is thrown away."""
+    """Protocol 20: a lab may allow longer lines; what is longer still is thrown away."""
     caplog.set_level("INFO", "usarsim")
     server = control(ControlLimits(max_line=100_000))
     client, session = server.pair()

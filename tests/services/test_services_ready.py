@@ -183,7 +183,7 @@ def test_busy_control_port_is_such_an_error() -> None:
 
 
 def test_optional_service_that_cannot_start_is_a_warning(caplog) -> None:
-    """Side channels reference 10.10: a busy side port is a warning and READY leaves it out."""
+    """Side channels reference 10 no. 10: a busy side port is a warning and READY leaves it out."""
     images = FakeService("images", fails=ServiceError("port 5003 is in use"))
     control = FakeService("control", required=True)
     announced = run_until_ready(control, images)

@@ -27,7 +27,7 @@ from usarsim_server.testing import PATIENCE, eventually
 
 class TestRelay:
     def test_bytes_arrive_unchanged_both_ways(self, running: Running) -> None:
-        """A megabyte of everything each way at the same time (check 73)."""
+        """A megabyte of everything each way at the same time (side channels 73)."""
         mine, theirs = running.robot("A").link(running.robot("B"))
         there, back = (random.Random(n).randbytes(1_000_003) for n in (1, 2))
         got: list[bytes] = []
@@ -52,7 +52,7 @@ class TestRelay:
             assert received(b.accept(number), 1) == b"%d" % number
 
     def test_reverse_lookup(self) -> None:
-        """The target learns who is behind a connection; others learn nothing (check 74)."""
+        """The target learns who is behind a connection; others learn nothing (side channels 74)."""
         with Running(Line(A=0, B=1, C=2)) as running:
             a, b, c = (running.robot(name) for name in "ABC")
             _, theirs = a.link(b)
@@ -88,7 +88,7 @@ class TestRelay:
         assert received(mine, 100) == b"answer"
 
     def test_a_target_that_refuses(self, running: Running) -> None:
-        """The caller is connected, then hears the end (4.3)."""
+        """The caller is connected, then hears the end (side channels 4.3)."""
         a, b = running.robot("A"), running.robot("B")
         road = a.road_to("B")
         b.listeners[0].close()
@@ -117,7 +117,8 @@ class TestRelay:
 
 class TestReach:
     def test_out_of_range_and_back(self) -> None:
-        """Both sockets close and the port refuses; back again the same port accepts (check 75)."""
+        """Both sockets close and the port refuses; back again the same port accepts
+        (side channels 75)."""
         with Running(Line(A=0, B=NEAR)) as running:
             a, b = running.robot("A"), running.robot("B")
             road = a.road_to("B")
@@ -158,7 +159,8 @@ class TestReach:
 
     @pytest.mark.parametrize("why", ["gone", "battery"])
     def test_dismissed_robots(self, why: str, running: Running) -> None:
-        """Gone from the simulator or without power: control, links and ports close (check 76)."""
+        """Gone from the simulator or without power: control, links and ports close
+        (side channels 76)."""
         a, b = running.robot("A"), running.robot("B")
         road = a.road_to("B")
         mine, theirs = a.call(road), b.accept()
@@ -174,7 +176,7 @@ class TestReach:
         assert a.control.ask("DNS {Robot B}").endswith("{Error NoSuchRobot}")
 
     def test_hanging_up_unregisters(self, running: Running) -> None:
-        """The name is free again and everything of it is closed (4.2)."""
+        """The name is free again and everything of it is closed (side channels 4.2)."""
         a, b = running.robot("A"), running.robot("B")
         mine, _ = a.link(b)
         b.control.socket.close()

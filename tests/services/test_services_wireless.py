@@ -1,4 +1,4 @@
-"""The wireless simulation server over sockets (side channels reference 4, checks 68 to 77)."""
+"""The wireless simulation server over sockets (side channels reference 4, 68 to 77)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from usarsim_server.testing import eventually
 
 class TestDialogue:
     def test_init(self) -> None:
-        """INIT answers INITREPLY {Status OK} (check 68); a second one is refused."""
+        """INIT answers INITREPLY {Status OK} (side channels 68); a second one is refused."""
         with Running(Line(A=0)) as running:
             talker = running.talker()
             assert talker.ask("INIT {Robot A} {Port 3333}") == "INITREPLY {Status OK}"
@@ -29,13 +29,14 @@ class TestDialogue:
 
     @pytest.mark.parametrize("verb", ["GETSS {Robot A}", "DNS {Robot A}", "REVERSEDNS {Port 1}"])
     def test_init_comes_first(self, verb: str) -> None:
-        """Any other verb first is told to use INIT (check 69)."""
+        """Any other verb first is told to use INIT (side channels 69)."""
         with Running(Line(A=0)) as running:
             answer = running.talker().ask(verb)
             assert answer == "ERROR {Reason Must.Use.INIT.Method.First}"
 
     def test_init_may_be_tried_again(self, running: Running) -> None:
-        """After each refused INIT another one on the same connection succeeds (check 70)."""
+        """After each refused INIT another one on the same connection succeeds
+        (side channels 70)."""
         running.robot("A")
         talker = running.talker()
         assert talker.ask("INIT {Robot A} {Port 1}") == "ERROR {Reason Robot.Alread.Exists}"
@@ -46,7 +47,8 @@ class TestDialogue:
         assert talker.ask("INIT {Robot B} {Port 1}") == "INITREPLY {Status OK}"
 
     def test_strengths(self) -> None:
-        """Oneself, an unknown robot, one at 10 m, one without place, one at no distance (71)."""
+        """Oneself, an unknown robot, one at 10 m, one without place, one at no distance
+        (side channels 71)."""
         with Running(Line(A=0, B=10.5, C=0), patience=100) as running:
             a = running.robot("A").control
             for name in ("B", "C", "Ghost"):
@@ -84,7 +86,7 @@ class TestDialogue:
             assert a.ask("GETSS {Robot B}").endswith("{Strength -56.2021}")
 
     def test_ports_of_pairs(self, running: Running) -> None:
-        """Repeated DNS gives the same port, the way back another one (check 72)."""
+        """Repeated DNS gives the same port, the way back another one (side channels 72)."""
         a, b = running.robot("A", 2), running.robot("B", 2)
         first = a.road_to("B")
         assert a.road_to("B") == first
@@ -93,7 +95,7 @@ class TestDialogue:
         assert b.road_to("A") != first
 
     def test_lookups_that_fail(self, running: Running) -> None:
-        """DNS of oneself, of nobody, of a wrong port, of no number (4.2)."""
+        """DNS of oneself, of nobody, of a wrong port, of no number (side channels 4.2)."""
         a, b = running.robot("A").control, running.robot("B")
         for name in ("A", "X", "b"):
             assert a.ask(f"DNS {{Robot {name}}}") == (
@@ -107,7 +109,8 @@ class TestDialogue:
         assert a.ask("REVERSEDNS") == "ERROR {Reason Port.Must.Be.Integer}"
 
     def test_what_crashed_the_original(self, running: Running) -> None:
-        """Empty lines, bare verbs, and DNS towards a robot without ports do no harm (check 77)."""
+        """Empty lines, bare verbs, and DNS towards a robot without ports do no harm
+        (side channels 77)."""
         a = running.robot("A").control
         assert running.talker().ask("INIT {Robot B}") == "INITREPLY {Status OK}"
         assert a.ask("\r\n\r\nGETSS").startswith("SS {Robot } {Strength NaN}")
@@ -158,7 +161,7 @@ class TestDialogue:
 
 class TestRecord:
     def test_events(self, tmp_path: Path) -> None:
-        """Registration, links and bytes are on record, in order (4.6)."""
+        """Registration, links and bytes are on record, in order (side channels 4.6)."""
         file = tmp_path / "events.csv"
         with Running(Line(A=0, B=NEAR), log=file) as running:
             a, b = running.robot("A"), running.robot("B")

@@ -1,4 +1,4 @@
-"""Avatars, played by hand (protocol reference 3.2, 3.13, 4.4, 4.13; checklist 84)."""
+"""Avatars, played by hand (protocol reference 3.2, 3.13, 4.4, 4.13, 84)."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_classes(stage: Rehearsal, kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["USARAvatar.Nobody", "Worker", "USARBot.Worker"])
 def test_unknown_classes(stage: Rehearsal, kind: str) -> None:
-    """No avatar, no answer; the connection can try again (71)."""
+    """No avatar, no answer; the connection can try again (protocol 71)."""
     client = avatar(stage, ClassName=kind)
     assert not now_or_never(stage, client)
     client.send("INIT {ClassName USARAvatar.Worker}")

@@ -91,7 +91,8 @@ def request(text: str) -> Set:
 
 
 def test_configuration_in_udk() -> None:
-    """The exact text of side channels reference 2.10 (checks 36, 40, 41, 138; conflict 30)."""
+    """The exact text of side channels 2.10 (side channels 36, 40, 41; protocol 138 and 5.2
+    no. 30)."""
     assert Stage(robot("P3AT")).mount.configuration("Camera", None, UDK) == (
         "CONF {Type Camera} {Name Camera}{TextureOffsetX 0}{TextureOffsetY 0}"
         "{TextureResolutionX 320}{TextureResolutionY 240}"
@@ -100,7 +101,8 @@ def test_configuration_in_udk() -> None:
 
 
 def test_all_cameras_stand_in_one_line() -> None:
-    """Two cameras behind another robot's in a 2 x 2 grid, as the reference composes (39, 42)."""
+    """Two cameras behind another robot's in a 2 x 2 grid, as the reference composes
+    (side channels 39, 42)."""
     stage = Stage(robot("P3AT", "CameraTop", "CameraBottom"), Grid(2, 2), before=2)
     rest = f"{{TextureResolutionX 320}}{{TextureResolutionY 240}}{LENS}{{CameraFov 80.0000}}"
     assert stage.mount.configuration("Camera", None, UDK) == (
@@ -113,14 +115,14 @@ def test_all_cameras_stand_in_one_line() -> None:
 
 
 def test_resolution_is_that_of_a_tile() -> None:
-    """A single small tile, as a known client wants it (check 40)."""
+    """A single small tile, as a known client wants it (side channels 40)."""
     stage = Stage(robot("P3AT"), Grid(1, 1, 176, 144))
     line = stage.mount.configuration("Camera", None, UDK)
     assert "{TextureResolutionX 176}{TextureResolutionY 144}" in line
 
 
 def test_camera_without_tile_reports_the_origin() -> None:
-    """More cameras than tiles: offset 0, 0, and no notice is sent (check 43)."""
+    """More cameras than tiles: offset 0, 0, and no notice is sent (side channels 43)."""
     stage = Stage(robot("P3AT"), Grid(2, 1), before=2)
     assert "{TextureOffsetX 0}{TextureOffsetY 0}" in stage.mount.configuration("Camera", None, UDK)
     assert stage.mount.take_news(1.0, UDK) == []
@@ -129,7 +131,7 @@ def test_camera_without_tile_reports_the_origin() -> None:
 
 
 def test_configuration_in_ut2004() -> None:
-    """Radians in segments of their own, without tiles, canonical type (checks 128, 138)."""
+    """Radians in segments of their own, without tiles, canonical type (protocol 128, 138)."""
     lens = "{CameraDefFov 1.3963} {CameraMinFov 0.3491} {CameraMaxFov 2.0944} {CameraFov 1.3963}"
     assert Stage(robot("StereoP2AT")).mount.configuration("CAMERA", None, UT2004) == (
         f"CONF {{Type Camera}} {{Name LeftCamera}} {lens} {{Name RightCamera}} {lens}"
@@ -138,7 +140,7 @@ def test_configuration_in_ut2004() -> None:
 
 @pytest.mark.parametrize("dialect", list(Dialect))
 def test_no_answer_without_a_match(dialect: Dialect) -> None:
-    """Other types, other names and robots without cameras get no line (check 126)."""
+    """Other types, other names and robots without cameras get no line (protocol 126)."""
     stage = Stage(robot("P3AT"))
     assert stage.mount.configuration("Camera", "Rear", dialect) == ""
     assert stage.mount.configuration("Sonar", None, dialect) == ""
@@ -153,7 +155,7 @@ def test_no_answer_without_a_match(dialect: Dialect) -> None:
 
 
 def test_geometry_on_a_moving_link() -> None:
-    """The link carries the camera: by name, or as actuator and number (checks 134, 135)."""
+    """The link carries the camera: by name, or as actuator and number (protocol 134, 135)."""
     mount = Stage(robot("P2AT")).mount
     assert mount.geometry("camera", None, UT2004) == (
         "GEO {Type Camera} {Name Camera Location 0.0820,0.0002,0.0613 "
@@ -166,7 +168,7 @@ def test_geometry_on_a_moving_link() -> None:
 
 
 def test_geometry_on_the_chassis() -> None:
-    """Fixed cameras end in HARD, or in the class (check 134)."""
+    """Fixed cameras end in HARD, or in the class (protocol 134)."""
     mount = Stage(robot("P3AT")).mount
     assert mount.geometry("Camera", "camera", UT2004).endswith(
         "{Name Camera Location 0.1005,0.0000,-0.4200 Orientation 0.0000,0.0000,0.0000 Mount HARD}"
@@ -178,7 +180,7 @@ def test_geometry_on_the_chassis() -> None:
 
 
 def test_udk_clients_are_told_their_tiles_once() -> None:
-    """One CONF per camera, unasked (check 38)."""
+    """One CONF per camera, unasked (side channels 38)."""
     stage = Stage(robot("P3AT", "A", "B"))
     first, second = stage.mount.take_news(1.0, UDK)
     assert first == stage.mount.configuration("Camera", "A", UDK)
@@ -199,7 +201,7 @@ def test_ut2004_clients_get_a_line_they_pass_over() -> None:
 
 @pytest.mark.parametrize("opcode", ["Zoom", "FOV", "zoom"])
 def test_zoom_in_udk(opcode: str) -> None:
-    """Whole degrees, limits, zero for the default, never a reply (checks 45, 101)."""
+    """Whole degrees, limits, zero for the default, never a reply (side channels 45, robots 101)."""
     stage = Stage(robot("P3AT"))
 
     def after(value: str) -> str:
@@ -219,7 +221,7 @@ def test_zoom_in_udk(opcode: str) -> None:
 
 
 def test_zoom_in_ut2004() -> None:
-    """Radians as they are sent, and a result (checks 101, 163)."""
+    """Radians as they are sent, and a result (robots 101, protocol 163)."""
     stage = Stage(robot("P2AT"))
     ok = ["RES {Time 12.34} {Type Camera} {Name Camera} {Status OK}"]
     assert stage.set("SET {Type Camera} {Name Camera} {Opcode Zoom} {Params 0.5}", UT2004) == ok
@@ -240,7 +242,7 @@ def test_zoom_in_ut2004() -> None:
     ],
 )
 def test_irregular_spellings_of_zoom(text: str) -> None:
-    """The value may stand in a nameless group, as the Player driver sends it (check 166)."""
+    """The value may stand in a nameless group, as the Player driver sends it (protocol 166)."""
     stage = Stage(robot("P2AT"))
     assert len(stage.set(text, UT2004)) == 1
     assert stage.fov() == pytest.approx(0.7)
@@ -269,7 +271,7 @@ def test_zoom_of_all_cameras_or_one() -> None:
     ],
 )
 def test_what_no_camera_knows_is_ignored(text: str) -> None:
-    """Unknown names, opcodes and types change nothing and give no result (check 163)."""
+    """Unknown names, opcodes and types change nothing and give no result (protocol 163)."""
     stage = Stage(robot("P2AT"))
     assert stage.set(text, UT2004) == []
     assert stage.fov() == 1.3963
@@ -281,7 +283,8 @@ QUAD = "SET {Type Viewports} {Config QuadView} "
 
 
 def test_single_view_shows_the_chosen_camera() -> None:
-    """The reply of side channels reference 2.11, and the picture on the robot's tile (46)."""
+    """The reply of side channels reference 2.11, and the picture on the robot's tile
+    (side channels 46)."""
     stage = Stage(robot("P2AT", "Camera1", "Camera2"), Grid(1, 1, 176, 144))
     assert stage.shown() == {0: "Camera1"}
     said = stage.set("SET {Type Viewports} {Config SingleView} {Viewport1 Camera2}", UT2004)

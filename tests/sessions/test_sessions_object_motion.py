@@ -1,4 +1,4 @@
-"""Objects of world controllers: physics, moving, rotation and paths (3.14; checks 46, 168), and
+"""Objects of world controllers: physics, moving, rotation and paths (protocol 3.14, 46, 168), and
 what sensors notice of them and of avatars.
 """
 
@@ -105,7 +105,7 @@ def test_what_falls_out_of_the_world_is_gone(stage: Rehearsal, client: Rehearsed
 
 
 def test_moving(client: RehearsedClient) -> None:
-    """AbsMove sets, RelMove adds in world axes; what is not given stays (168)."""
+    """AbsMove sets, RelMove adds in world axes; what is not given stays (protocol 168)."""
     create(client, "a", "1,0,-1", Rotation="0,0,1.5708")
     control(client, "AbsMove", Name="A", Location="5,6,-2")
     assert where(client, "a") == near(5, 6, -2)
@@ -193,7 +193,7 @@ def test_a_path_takes_simulated_time(stage: Rehearsal, client: RehearsedClient) 
     [("true", True), ("True", True), ("TRUE", True), ("1", True), ("false", False), ("x", False)],
 )
 def test_loop(stage: Rehearsal, client: RehearsedClient, text: str, goes_round: bool) -> None:
-    """With Loop the object goes back to its first way point and round again (46)."""
+    """With Loop the object goes back to its first way point and round again (protocol 46)."""
     create(client, "a", "0,0,-0.15")
     control(client, "SetWP", Name="a", Speed="2", Loop=text)
     control(client, "AddWP", Name="a", WP="1,0,-0.15;1,1,-0.15;0,1,-0.15;0,0,-0.15")

@@ -80,7 +80,7 @@ def test_a_report_wakes_its_taker_once_and_may_leave_in_one_piece() -> None:
 
 
 def test_full_stream_budget_drops_the_oldest_streamed_lines_whole() -> None:
-    """Checklist 17: a full queue loses whole periodic lines, the oldest ones."""
+    """Protocol 17: a full queue loses whole periodic lines, the oldest ones."""
     outbox = Outbox(limits=OutboxLimits(stream_bytes=30))
     for number in range(5):
         outbox.put_stream(numbered("SEN", number))  # 14 bytes each
@@ -89,7 +89,7 @@ def test_full_stream_budget_drops_the_oldest_streamed_lines_whole() -> None:
 
 
 def test_full_stream_budget_drops_no_reply() -> None:
-    """Checklist 18: replies stay however many periodic lines give way around them."""
+    """Protocol 18: replies stay however many periodic lines give way around them."""
     outbox = Outbox(limits=OutboxLimits(stream_bytes=30))
     outbox.put_reply(b"CONF\r\n")
     for number in range(100):
@@ -170,7 +170,7 @@ def test_close_is_not_a_condemnation() -> None:
 
 
 def test_empty_text_is_nothing_to_send() -> None:
-    """Checklist 7: an empty message is not written and wakes nobody."""
+    """Protocol 7: an empty message is not written and wakes nobody."""
     woken: list[int] = []
     outbox = Outbox(lambda: woken.append(1))
     outbox.put_reply(b"")

@@ -33,7 +33,7 @@ def test_the_first_snapshot_starts_the_clock() -> None:
 
 
 def test_streams_on_request_are_never_due() -> None:
-    """An interval of zero means only when asked (check 121)."""
+    """An interval of zero means only when asked (protocol 121)."""
     assert math.isinf(begun([0.0, 0.0], 1.0).due)
     assert math.isinf(begun([]).due)
 
@@ -79,7 +79,7 @@ def test_a_new_interval_counts_from_the_next_report() -> None:
 def test_the_first_report_is_on_a_beat_as_the_quiet_period_ends(
     asked: float, took: float, beat: float
 ) -> None:
-    """Never more than a beat early or late; and not before the robot is there (checks 69, 70)."""
+    """Never more than a beat early or late; and not before the robot is there (protocol 69, 70)."""
     quiet, now = 0.27, asked + took
     first = first_report(asked, now, quiet, beat)
     assert first / beat == pytest.approx(round(first / beat), abs=1e-5)
@@ -159,7 +159,7 @@ def test_ticks_do_not_drift(period: float, answers: list[int]) -> None:
 
 
 def test_value_falls_by_one_a_second_from_1200() -> None:
-    """STA shows 1200 at first and one less each second, whatever the robot does (5.4 #111)."""
+    """STA shows 1200 at first and one less each second, whatever the robot does (robots 111)."""
     battery = Battery(1200.0)
     assert [battery.remaining_seconds(second) for second in range(1202)] == [
         *range(1200, -1, -1),
@@ -183,7 +183,7 @@ def test_sums_of_time_steps_do_not_lose_a_second() -> None:
 
 
 def test_empty_at_the_end_of_life_and_not_before() -> None:
-    """At zero the battery is empty, and it stays so (5.4 #111)."""
+    """At zero the battery is empty, and it stays so (robots 111)."""
     battery = Battery(60.0)
     assert not battery.empty(0.0)
     assert not battery.empty(59.99)
@@ -208,7 +208,7 @@ def test_silly_life_is_an_empty_battery(life: float) -> None:
 
 
 def test_robots_without_battery_print_99999() -> None:
-    """The value of a robot without a battery is 99999 (5.4 #112), and none prints more."""
+    """The value of a robot without a battery is 99999 (robots 112), and none prints more."""
     assert NO_BATTERY == 99999
     assert Battery(1e9).remaining_seconds(0.0) == 99999
 

@@ -21,7 +21,7 @@ def client(connection: RehearsedClient) -> RehearsedClient:
 
 
 def test_a_valid_init_is_not_answered(stage: Rehearsal, client: RehearsedClient) -> None:
-    """INIT gives no reply; STA comes 0.25 to 2 s later (checks 69, 70)."""
+    """INIT gives no reply; STA comes 0.25 to 2 s later (protocol 69, 70)."""
     client.send("INIT {ClassName USARBot.P2AT} {Location 0,0,-0.3}")
     assert client.lines == []
     stage.run(0.25)
@@ -47,7 +47,8 @@ def test_a_valid_init_is_not_answered(stage: Rehearsal, client: RehearsedClient)
 def test_spellings_of_init(
     stage: Rehearsal, client: RehearsedClient, init: str, place: tuple[float, float]
 ) -> None:
-    """Every spelling of 3.2 spawns at the place it means (checks 47-51, 63, 72-75, 78)."""
+    """Every spelling of protocol 3.2 spawns at the place it means (protocol 47-51, 63, 72-75,
+    78)."""
     client.send(f"INIT {init}")
     stage.run(0.4)
     location, orientation = truth(stage, client)
@@ -57,7 +58,8 @@ def test_spellings_of_init(
 
 
 def test_battery_of_init(stage: Rehearsal, client: RehearsedClient) -> None:
-    """Battery in INIT sets the life; at zero SEN stops, DRIVE too, STA goes on (78, 92, 162)."""
+    """Battery in INIT sets the life; at zero SEN stops, DRIVE too, STA goes on (protocol 78, 92,
+    162)."""
     client.send("INIT {ClassName P2AT} {Battery 3} {Location 0,10,-0.3}")
     client.send("DRIVE {Left 1} {Right 1}")
     stage.run(1.0)
@@ -82,7 +84,7 @@ def test_battery_of_init(stage: Rehearsal, client: RehearsedClient) -> None:
 
 
 def test_start_poses(stage: Rehearsal, client: RehearsedClient) -> None:
-    """The poses listed are those that Start uses, whatever its case (checks 76, 80-83)."""
+    """The poses listed are those that Start uses, whatever its case (protocol 76, 80-83)."""
     client.send("GETSTARTPOSES")
     reply = client.take()[0]
     found = re.fullmatch(r"NFO \{StartPoses (\d+)\} \{(.*)\}", reply)
@@ -98,14 +100,14 @@ def test_start_poses(stage: Rehearsal, client: RehearsedClient) -> None:
 
 
 def test_unknown_start(stage: Rehearsal, client: RehearsedClient) -> None:
-    """An unknown Start spawns all the same (check 77)."""
+    """An unknown Start spawns all the same (protocol 77)."""
     client.send("INIT {ClassName P2AT} {Start Nowhere}")
     stage.run(0.4)
     assert client.take("STA")
 
 
 def test_unknown_class_then_a_known_one(stage: Rehearsal, client: RehearsedClient) -> None:
-    """An unknown class gives nothing, and the next INIT works (check 71)."""
+    """An unknown class gives nothing, and the next INIT works (protocol 71)."""
     client.send("INIT {ClassName USARBot.Unheard} {Location 0,20,-0.3}")
     stage.run(0.5)
     assert client.lines == []
@@ -115,7 +117,7 @@ def test_unknown_class_then_a_known_one(stage: Rehearsal, client: RehearsedClien
 
 
 def test_a_second_init_is_ignored(stage: Rehearsal, client: RehearsedClient) -> None:
-    """A second INIT makes no second robot (check 79)."""
+    """A second INIT makes no second robot (protocol 79)."""
     client.send("INIT {ClassName P2AT} {Location 0,30,-0.3}")
     count = len(stage.assembly.robots.vehicles)
     client.send("INIT {ClassName P3AT} {Location 0,33,-0.3}")
@@ -125,7 +127,7 @@ def test_a_second_init_is_ignored(stage: Rehearsal, client: RehearsedClient) -> 
 
 
 def test_a_second_init_can_replace() -> None:
-    """With second_init=replace the first robot leaves and the second one reports (1.1)."""
+    """With second_init=replace the first robot leaves and the second one reports (protocol 1.1)."""
     with Rehearsal(world="empty", second_init="replace") as stage:
         client = stage.connect()
         client.send("INIT {ClassName P2AT} {Location 0,0,-0.3}")
@@ -136,7 +138,7 @@ def test_a_second_init_can_replace() -> None:
 
 
 def test_commands_before_init_are_ignored(client: RehearsedClient) -> None:
-    """Only global commands work without a robot (1.7, 3.8)."""
+    """Only global commands work without a robot (protocol 1.7, 3.8)."""
     client.send("DRIVE {Left 1} {Right 1}", "GETGEO {Type Robot}", "SET {Type INS}", "FROBNICATE")
     assert client.lines == []
 
@@ -145,7 +147,8 @@ def test_commands_before_init_are_ignored(client: RehearsedClient) -> None:
 
 
 def test_frames_on_the_wire(stage: Rehearsal, client: RehearsedClient) -> None:
-    """Spawn rotation, right, and clockwise are as 2.5 has them (checks 57, 58, 61, 143)."""
+    """Spawn rotation, right, and clockwise are as protocol 2.5 has them (protocol 57, 58, 61,
+    143)."""
     client.send("INIT {ClassName P2AT} {Location 10,10,-0.3} {Rotation 0,0,1.5708}")
     stage.run(0.4)
     location, orientation = truth(stage, client)
@@ -163,7 +166,7 @@ def test_frames_on_the_wire(stage: Rehearsal, client: RehearsedClient) -> None:
 
 
 def test_height_grows_downwards(stage: Rehearsal, client: RehearsedClient) -> None:
-    """A robot spawned higher has the smaller z (check 56)."""
+    """A robot spawned higher has the smaller z (protocol 56)."""
     client.send("INIT {ClassName P2AT} {Location 20,10,-1.3} {Dialect udk}")
     stage.run(0.36)
     first = [line for line in client.lines if "GroundTruth" in line]
@@ -177,7 +180,7 @@ def test_height_grows_downwards(stage: Rehearsal, client: RehearsedClient) -> No
     ("rotation", "index"), [("0,0.15,0", 1), ("0.15,0,0", 0)], ids=["nose up", "right side down"]
 )
 def test_tilt_signs(stage: Rehearsal, client: RehearsedClient, rotation: str, index: int) -> None:
-    """A raised nose is positive pitch, a lowered right side positive roll (checks 59, 60, 62)."""
+    """A raised nose is positive pitch, a lowered right side positive roll (protocol 59, 60, 62)."""
     client.send(
         f"INIT {{ClassName P3AT}} {{Location 30,10,-2.2}} {{Rotation {rotation}}} {{Dialect udk}}"
     )
@@ -199,7 +202,7 @@ def _wheels(stage: Rehearsal, seconds: float = 1.5) -> list[float]:
 
 
 def test_one_sided_drive(stage: Rehearsal, client: RehearsedClient) -> None:
-    """One side alone keeps the other in ut2004 (check 148); zero stops (145)."""
+    """One side alone keeps the other in ut2004 (protocol 148); zero stops (protocol 145)."""
     client.send("INIT {ClassName P2AT} {Location 40,0,-0.3}")
     client.send("DRIVE {Left 1} {Right 2}", "DRIVE {Left 2}")
     assert _wheels(stage) == pytest.approx([2, 2, 2, 2], abs=0.1)
@@ -208,7 +211,8 @@ def test_one_sided_drive(stage: Rehearsal, client: RehearsedClient) -> None:
 
 
 def test_one_sided_drive_in_udk(stage: Rehearsal, client: RehearsedClient) -> None:
-    """One side alone does nothing in udk (checks 36, 148); glued junk does no harm (29, 32-38)."""
+    """One side alone does nothing in udk (protocol 36, 148); glued junk does no harm (29,
+    32-38)."""
     client.send("INIT {ClassName P2AT} {Location 40,8,-0.3} {Dialect udk}")
     client.send("DRIVE {Left 1}", "DRIVE {Left 1} {Right 1")
     assert _wheels(stage, 0.5) == pytest.approx([0, 0, 0, 0], abs=0.02)
@@ -217,7 +221,8 @@ def test_one_sided_drive_in_udk(stage: Rehearsal, client: RehearsedClient) -> No
 
 
 def test_normalized_and_limits(stage: Rehearsal, client: RehearsedClient) -> None:
-    """100 percent is MaxSpeed, more is clamped, the next command is rad/s (131, 146, 147)."""
+    """100 percent is MaxSpeed, more is clamped, the next command is rad/s (protocol 131, 146,
+    147)."""
     client.send("INIT {ClassName P2AT} {Location 40,16,-0.3}")
     client.send("DRIVE {Left 100} {Right 100} {Normalized True}")
     assert _wheels(stage) == pytest.approx([5.385] * 4, abs=0.06)
@@ -228,13 +233,13 @@ def test_normalized_and_limits(stage: Rehearsal, client: RehearsedClient) -> Non
 
 
 def test_a_drive_command_persists(stage: Rehearsal, client: RehearsedClient) -> None:
-    """There is no watchdog: 60 s later the wheels still turn (check 144)."""
+    """There is no watchdog: 60 s later the wheels still turn (protocol 144)."""
     client.send("INIT {ClassName P3AT} {Location 60,0,-0.3}", "DRIVE {Left 0.5} {Right 0.5}")
     assert _wheels(stage, 60.0) == pytest.approx([0.5] * 4, abs=0.05)
 
 
 def test_light(stage: Rehearsal, client: RehearsedClient) -> None:
-    """Light shows in STA and does not move the robot (check 90)."""
+    """Light shows in STA and does not move the robot (protocol 90)."""
     client.send("INIT {ClassName P2AT} {Location 60,8,-0.3}")
     stage.run(0.6)
     before, _ = truth(stage, client)
@@ -246,7 +251,7 @@ def test_light(stage: Rehearsal, client: RehearsedClient) -> None:
 
 
 def test_flip(stage: Rehearsal, client: RehearsedClient) -> None:
-    """Flip rights an overturned robot in ut2004 and leaves an upright one alone (check 153)."""
+    """Flip rights an overturned robot in ut2004 and leaves an upright one alone (protocol 153)."""
     client.send("INIT {ClassName P2AT} {Location 60,16,-0.6} {Rotation 3.14159,0,0.7}")
     stage.run(1.0)
     state = stage.robot_state(-1)
@@ -268,7 +273,7 @@ def test_flip(stage: Rehearsal, client: RehearsedClient) -> None:
 def test_status_period(
     stage: Rehearsal, client: RehearsedClient, dialect: str, period: float
 ) -> None:
-    """STA keeps its period within 10 percent of simulated time (checks 91, 122; robots 114)."""
+    """STA keeps its period within 10 percent of simulated time (protocol 91, 122; robots 114)."""
     client.send(f"INIT {{ClassName P3AT}} {{Location 80,0,-0.3}} {{Dialect {dialect}}}")
     stage.run(0.5)
     client.take()
@@ -277,7 +282,7 @@ def test_status_period(
 
 
 def test_sensor_periods(stage: Rehearsal, client: RehearsedClient) -> None:
-    """Every sensor keeps its interval, on average to a step (check 122; robots 92, 114)."""
+    """Every sensor keeps its interval, on average to a step (protocol 122; robots 92, 114)."""
     client.send("INIT {ClassName P2AT} {Location 80,8,-0.3}")
     stage.run(0.5)
     client.take()
@@ -293,7 +298,7 @@ def test_sensor_periods(stage: Rehearsal, client: RehearsedClient) -> None:
 
 
 def test_set_and_res(stage: Rehearsal, client: RehearsedClient) -> None:
-    """RESET zeroes the odometry; ut2004 gets one RES, udk none (checks 108, 109, 163)."""
+    """RESET zeroes the odometry; ut2004 gets one RES, udk none (protocol 108, 109, 163)."""
     client.send("INIT {ClassName P2AT} {Location 80,16,-0.3}", "DRIVE {Left 2} {Right 2}")
     stage.run(3.0)
     assert numbers(last(client, "Odometry"), "Pose")[0] > 0.4
@@ -312,7 +317,7 @@ def test_set_and_res(stage: Rehearsal, client: RehearsedClient) -> None:
 
 
 def test_scan_on_request(stage: Rehearsal, client: RehearsedClient) -> None:
-    """SCAN gives one measurement at once, in both dialects (3.7)."""
+    """SCAN gives one measurement at once, in both dialects (protocol 3.7)."""
     client.send("INIT {ClassName P3AT} {Location 80,24,-0.3}")
     stage.run(0.5)
     client.take()
@@ -321,7 +326,8 @@ def test_scan_on_request(stage: Rehearsal, client: RehearsedClient) -> None:
 
 
 def test_every_streamed_item_answers(stage: Rehearsal, client: RehearsedClient) -> None:
-    """CONF and GEO exist once for everything that streams; nothing else answers (125-128)."""
+    """CONF and GEO exist once for everything that streams; nothing else answers
+    (protocol 125-128)."""
     client.send("INIT {ClassName P2AT} {Location 100,0,-0.3}")
     stage.run(1.0)
     items: set[tuple[str, str]] = set()
@@ -341,14 +347,14 @@ def test_every_streamed_item_answers(stage: Rehearsal, client: RehearsedClient) 
 
 
 def test_switch_to_udk_on_the_fly(stage: Rehearsal, client: RehearsedClient) -> None:
-    """A request only UDK clients make switches shapes from the next line on (check 175)."""
+    """A request only UDK clients make switches shapes from the next line on (protocol 175)."""
     client.send("INIT {ClassName P2AT} {Location 100,8,-0.3}", "GETCONF {Type Actuator}")
     stage.run(1.0)
     assert all(re.search(r"\{Time \d+\.\d{4}\}", line) for line in client.take("STA"))
 
 
 def test_encoders_are_found_by_either_name(stage: Rehearsal, client: RehearsedClient) -> None:
-    """What streams as Wk in udk answers to that name (check 125)."""
+    """What streams as Wk in udk answers to that name (protocol 125)."""
     client.send("INIT {ClassName P2AT} {Location 100,16,-0.3} {Dialect udk}")
     stage.run(0.5)
     name = re.search(r"\{Name (W\d)\}", last(client, "Encoder"))
@@ -359,14 +365,14 @@ def test_encoders_are_found_by_either_name(stage: Rehearsal, client: RehearsedCl
 
 
 def test_mounts_do_not_turn_with_the_robot(stage: Rehearsal, client: RehearsedClient) -> None:
-    """GEO is in the body frame whatever the spawn yaw (check 135)."""
+    """GEO is in the body frame whatever the spawn yaw (protocol 135)."""
     client.send("INIT {ClassName P2AT} {Location 100,24,-0.3} {Rotation 0,0,2.0}")
     client.send("GETGEO {Type RangeScanner}")
     assert "Location 0.1439,0.0000,-0.0920" in client.take("GEO")[0]
 
 
 def test_path_nodes_are_told() -> None:
-    """84: without INIT; the closest one by planar distance, nothing without a location."""
+    """Protocol 84: without INIT; the closest one by planar distance, nothing without a location."""
     with Rehearsal(world="office") as office:
         client = office.connect()
         client.send("GETPATHNODES", "GETCLOSESTPATHNODE {Location 5,2,99}", "GETCLOSESTPATHNODE")

@@ -1,4 +1,4 @@
-"""World controllers: objects come, are asked for and go (3.14, 4.11; checks 46, 167 to 172)."""
+"""World controllers: objects come, are asked for and go (protocol 3.14, 4.11, 46, 167 to 172)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from usarsim_server.testing import Rehearsal, RehearsedClient
 
 
 def test_only_world_controllers_control(stage: Rehearsal, client: RehearsedClient) -> None:
-    """Without INIT, and with a robot, CONTROL does nothing and is not answered (167)."""
+    """Without INIT, and with a robot, CONTROL does nothing and is not answered (protocol 167)."""
     nobody, robot = stage.connect(), stage.connect()
     robot.send("INIT {ClassName P2AT} {Location 40,0,-0.3}")
     for one in (nobody, robot):
@@ -39,7 +39,7 @@ def test_only_world_controllers_control(stage: Rehearsal, client: RehearsedClien
     "name", ["USARBot.WorldController", "USARBotAPI.WorldController", "worldcontroller"]
 )
 def test_names_of_the_class(stage: Rehearsal, name: str) -> None:
-    """Both packages, none at all, in any case (3.2, 72)."""
+    """Both packages, none at all, in any case (protocol 3.2, 72)."""
     assert status(controller(stage, name)) == {}
 
 
@@ -56,7 +56,8 @@ def test_a_controller_is_no_robot(stage: Rehearsal, client: RehearsedClient) -> 
 
 
 def test_the_command_is_read_tolerantly(client: RehearsedClient) -> None:
-    """Case of words, keys and types does not matter; unknown types are not answered (1.6)."""
+    """Case of words, keys and types does not matter; unknown types are not answered
+    (protocol 1.6)."""
     client.send("control {TYPE create}{CLASSNAME usarphysobj.BOX}{name a}{LOCATION 1,1,-0.15}")
     client.send("Control {type getsta} {NAME A}")
     assert client.take("STA {Name a}")
@@ -68,7 +69,8 @@ def test_the_command_is_read_tolerantly(client: RehearsedClient) -> None:
 
 
 def test_create_and_ask(client: RehearsedClient) -> None:
-    """What was created is reported with its size, place, memory and rotation (168, 171)."""
+    """What was created is reported with its size, place, memory and rotation (protocol 168,
+    171)."""
     create(client, "Box3", "3.1, 0.2, -0.15", Rotation="0, 0, 0.7854", Memory="red one")
     assert status(client) == {
         "Box3": {
@@ -85,13 +87,13 @@ def test_create_and_ask(client: RehearsedClient) -> None:
     "text", ["1,2,-0.15", "1, 2, -0.15", "1.0 2.0 -0.15", " 1,2,-.15 ", "1,0 2,0 -0,15"]
 )
 def test_spellings_of_vectors(client: RehearsedClient, text: str) -> None:
-    """All the shapes of 2.3 put the object at the same place (47 to 50)."""
+    """All the shapes of protocol 2.3 put the object at the same place (protocol 47 to 50)."""
     create(client, "a", text)
     assert where(client, "a") == near(1, 2, HEIGHT)
 
 
 def test_an_existing_name_is_left_alone(stage: Rehearsal, client: RehearsedClient) -> None:
-    """A second object of a name is refused, whatever its case and whoever asks (169)."""
+    """A second object of a name is refused, whatever its case and whoever asks (protocol 169)."""
     create(client, "a", "1,0,-0.15", Memory="first")
     create(client, "A", "3,0,-0.15", Memory="second")
     other = controller(stage)
@@ -179,7 +181,7 @@ def test_materials(client: RehearsedClient) -> None:
 
 
 def test_kill(stage: Rehearsal, client: RehearsedClient) -> None:
-    """Kill removes one object, whoever created it, permanent or not (168)."""
+    """Kill removes one object, whoever created it, permanent or not (protocol 168)."""
     other = controller(stage)
     create(other, "a", "0,0,-0.15", Permanent="true")
     create(client, "b", "2,0,-0.15")
@@ -203,7 +205,7 @@ def test_kill_all(client: RehearsedClient) -> None:
     [("0,0,-2", "4,4,0"), ("4,4,0", "0,0,-2"), ("0,4,0", "4,0,-2"), ("4, 0, -2", "0, 4, 0")],
 )
 def test_kill_all_in_a_box(client: RehearsedClient, one: str, other: str) -> None:
-    """Only what is strictly inside goes, whichever corners are given (170)."""
+    """Only what is strictly inside goes, whichever corners are given (protocol 170)."""
     places = {"in": "2,2,-1", "high": "2,2,-3", "far": "5,2,-1", "edge": "4,2,-1", "kept": "1,1,-1"}
     for name, place in places.items():
         create(client, name, place, Scale="0.1,0.1,0.1", Permanent=str(name == "kept"))
@@ -220,7 +222,7 @@ def test_half_a_box_is_no_box(client: RehearsedClient) -> None:
 
 
 def test_closing_cleans_up(stage: Rehearsal, client: RehearsedClient) -> None:
-    """Objects leave with the connection that created them, and only they (172)."""
+    """Objects leave with the connection that created them, and only they (protocol 172)."""
     other = controller(stage)
     create(client, "mine", "0,0,-0.15")
     create(other, "fixed", "2,0,-0.15", Permanent="true")
@@ -235,7 +237,7 @@ def test_closing_cleans_up(stage: Rehearsal, client: RehearsedClient) -> None:
 
 
 def test_cleaning_can_be_switched_off() -> None:
-    """With clean_on_close = false they stay, for everybody to use (172)."""
+    """With clean_on_close = false they stay, for everybody to use (protocol 172)."""
     with Rehearsal(world="empty", clean_on_close=False) as stage:
         one = controller(stage)
         create(one, "a", "0,0,-0.15")
@@ -414,7 +416,8 @@ def test_what_has_just_left_is_no_trouble(
 
 
 def test_a_second_init_can_change_the_role() -> None:
-    """With second_init=replace a controller becomes a robot and a robot an avatar (1.1)."""
+    """With second_init=replace a controller becomes a robot and a robot an avatar
+    (protocol 1.1)."""
     with Rehearsal(world="empty", second_init="replace") as stage:
         client = controller(stage)
         create(client, "a", "5,0,-0.15")

@@ -192,7 +192,7 @@ class TestListeners:
         np.testing.assert_allclose(times[1:], 0.1 * np.arange(1, 101), atol=1e-9)
 
     def test_odd_periods_do_not_drift(self) -> None:
-        """Robots checklist 114: a period that is no multiple of the step is kept on average."""
+        """Robots 114: a period that is no multiple of the step is kept on average."""
         world, robot = populated()
         watcher = watched(world, robot, 0.033)
         world.run_until(20.0)
@@ -202,7 +202,7 @@ class TestListeners:
         assert late.max() <= world.timestep + 1e-9
 
     def test_two_listeners_see_the_same_instant(self) -> None:
-        """Listeners that are due together get the same snapshot (protocol checklist 68)."""
+        """Listeners that are due together get the same snapshot (protocol 68)."""
         world = simulation()
         watchers = []
         for number in range(2):

@@ -97,7 +97,7 @@ def turns() -> dict[float, Turn]:
 
 
 class TestTurnInPlace:
-    """V4, V7 to V10 (robots checklist 24, 27 to 31)."""
+    """V4, V7 to V10 (robots 24, 27 to 31)."""
 
     @pytest.mark.parametrize("timestep", TIMESTEPS)
     def test_ratio_is_that_of_theory(self, turns: dict[float, Turn], timestep: float) -> None:
@@ -186,7 +186,7 @@ def slide(friction: float, timestep: float, compensation: bool = True) -> tuple[
 
 
 class TestSlidingBlock:
-    """V22 (robots checklist 58)."""
+    """V22 (robots 58)."""
 
     @pytest.mark.parametrize("timestep", [0.004, 0.005])
     @pytest.mark.parametrize("friction", [0.3, 0.5, 1.0])

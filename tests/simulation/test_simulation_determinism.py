@@ -1,4 +1,4 @@
-"""Equal commands at equal times give equal runs (V26, robots checklist 115)."""
+"""Equal commands at equal times give equal runs (V26, robots 115)."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ class TestCulprit:
             )
 
     def test_time_goes_on_and_never_back(self) -> None:
-        """Every call advances simulated time by its steps, divergence or not (checklist 67)."""
+        """Every call advances simulated time by its steps, divergence or not (robots 67)."""
         engine = busy_engine()
         for robot in (0, 1, 2):
             spoil(engine, robot, "qvel", np.nan)

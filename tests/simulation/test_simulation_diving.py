@@ -24,7 +24,7 @@ def heading(values: np.ndarray) -> float:
 
 
 def test_it_holds_its_depth() -> None:
-    """Without a command it neither sinks nor rises nor turns (5.2 #49)."""
+    """Without a command it neither sinks nor rises nor turns (robots 49)."""
     engine = engine_of(submarine())
     run(engine, 5.0)
     np.testing.assert_allclose(place(engine), (0.0, 0.0, 2.0), atol=1e-6)

@@ -344,7 +344,7 @@ class TestRest:
     """Robots that stand still (robots reference 5.3)."""
 
     def test_resting_robot_hardly_sinks(self) -> None:
-        """Robots checklist 63: a resting 12 kg robot penetrates the floor by less than 1 mm."""
+        """Robots 63: a resting 12 kg robot penetrates the floor by less than 1 mm."""
         engine = engine_with((0.0, 0.0))
         run(engine, 1.0)
         engine.data.qvel[:] = 1e-3  # awake, so that its contacts are listed
@@ -353,7 +353,7 @@ class TestRest:
 
     @pytest.mark.parametrize("sleep", [True, False])
     def test_resting_robot_stays(self, sleep: bool) -> None:
-        """Robots checklist 64: at rest it stays within 1 mm and 0.1 degrees for 60 s."""
+        """Robots 64: at rest it stays within 1 mm and 0.1 degrees for 60 s."""
         engine = engine_with((0.0, 0.0))
         if not sleep:
             engine.world.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
@@ -365,7 +365,7 @@ class TestRest:
         assert 2 * np.arccos(min(1.0, abs(after[3:] @ before[3:]))) < np.radians(0.1)
 
     def test_no_body_jumps(self) -> None:
-        """Robots checklist 62: driving over a curb into crates moves no body 0.1 m in a step."""
+        """Robots 62: driving over a curb into crates moves no body 0.1 m in a step."""
 
         def scenery() -> mujoco.MjSpec:
             spec = yard()

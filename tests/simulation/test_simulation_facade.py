@@ -65,7 +65,7 @@ class TestSpawn:
         assert second != first
 
     def test_first_and_later_view_agree(self) -> None:
-        """Protocol checklist 63: spawned on the floor, it is where it was put a while later."""
+        """Protocol 63: spawned on the floor, it is where it was put a while later."""
         world = simulation()
         robot, pose = world.spawn(ROBOT, pose_at(1.0, 2.0, RADIUS, yaw=0.7))
         world.run_until(1.0)

@@ -1,4 +1,4 @@
-"""Holding a velocity in the air (robots reference 1.5, 3.3 V23 and V24, 4.8)."""
+"""Holding a velocity in the air (robots reference 1.5, 3.3 and 4.8; V23, V24)."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def test_velocities_are_in_the_yaw_frame(values: tuple[float, ...], direction: i
 
 
 def test_it_tilts_at_its_rate() -> None:
-    """A tilt of 25 deg is reached in about 0.65 s and does not lag behind much (5.2 #43)."""
+    """A tilt of 25 deg is reached in about 0.65 s and does not lag behind much (robots 43)."""
     engine = engine_of(aircraft())
     tilt = math.radians(25.0)
     command(engine, 1.0, 0.0, 0.0, 0.0, 0.0, tilt, 0.0, seconds=0.32)
@@ -115,7 +115,7 @@ def test_signs_of_tilt() -> None:
 
 
 def test_turning_does_not_change_the_height() -> None:
-    """A yaw command changes altitude by far less than 2 cm, tilted or not (5.2 #42)."""
+    """A yaw command changes altitude by far less than 2 cm, tilted or not (robots 42)."""
     engine = engine_of(aircraft(offset=(0.03, 0.0, 0.02)))
     command(engine, *LEVEL, 1.7, 0.2, 0.2, 0.0, seconds=4.0)
     assert place(engine)[2] == pytest.approx(2.0, abs=0.005)
@@ -143,7 +143,7 @@ def test_without_power_it_falls_and_lies() -> None:
 
 
 def test_it_does_not_stick_to_a_wall() -> None:
-    """Driven into a wall it is stopped, and leaves at once when told to (5.2 #45)."""
+    """Driven into a wall it is stopped, and leaves at once when told to (robots 45)."""
     build = furnished(box("wall", (1.0, 0.0, 2.0), (0.1, 3.0, 2.0)))
     engine = engine_of(aircraft(), scenery=build)
     command(engine, 2.0, 0.0, 0.0, 0.0, 0.0, 0.4, 0.0, seconds=4.0)

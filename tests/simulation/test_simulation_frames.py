@@ -75,40 +75,40 @@ class TestWireTable:
         assert pose.position == flip_point(location)
 
     def test_raising_a_robot_lowers_z(self) -> None:
-        """A robot raised by 1 m shows a z smaller by 1 (protocol checklist 56)."""
+        """A robot raised by 1 m shows a z smaller by 1 (protocol 56)."""
         low, _ = wire_from_pose(Pose((0.0, 0.0, 0.5)))
         high, _ = wire_from_pose(Pose((0.0, 0.0, 1.5)))
         assert high[2] - low[2] == pytest.approx(-1.0)
 
     def test_moving_right_raises_y(self) -> None:
-        """A robot moved 1 m to its right at yaw 0 shows y larger by 1 (protocol checklist 57)."""
+        """A robot moved 1 m to its right at yaw 0 shows y larger by 1 (protocol 57)."""
         right = IDENTITY.rotate((0.0, -1.0, 0.0))
         assert wire_from_pose(Pose(right))[0] == pytest.approx((0.0, 1.0, 0.0))
 
     def test_clockwise_raises_yaw(self) -> None:
-        """Turning clockwise seen from above increases yaw (protocol checklist 58)."""
+        """Turning clockwise seen from above increases yaw (protocol 58)."""
         clockwise = quaternion_from_rpy(0.0, 0.0, -0.3)  # negative about the upward axis
         assert wire_from_pose(Pose(quaternion=clockwise))[1] == pytest.approx((0.0, 0.0, 0.3))
 
     def test_nose_up_is_positive_pitch(self) -> None:
-        """A robot whose nose points upwards shows positive pitch (protocol checklist 59)."""
+        """A robot whose nose points upwards shows positive pitch (protocol 59)."""
         pose = pose_from_wire((0.0, 0.0, 0.0), (0.0, 0.2, 0.0))
         assert pose.rotate((1.0, 0.0, 0.0))[2] == pytest.approx(math.sin(0.2))
 
     def test_right_side_down_is_positive_roll(self) -> None:
-        """A robot whose right side is lowered shows positive roll (protocol checklist 60)."""
+        """A robot whose right side is lowered shows positive roll (protocol 60)."""
         pose = pose_from_wire((0.0, 0.0, 0.0), (0.2, 0.0, 0.0))
         assert pose.rotate((0.0, -1.0, 0.0))[2] == pytest.approx(-math.sin(0.2))
 
     def test_quarter_turn_faces_positive_y(self) -> None:
-        """Rotation 0,0,1.5708 faces +y of the wire frame (protocol checklist 61)."""
+        """Rotation 0,0,1.5708 faces +y of the wire frame (protocol 61)."""
         pose = pose_from_wire((0.0, 0.0, 0.0), (0.0, 0.0, 1.5708))
         nose = flip_point(pose.rotate((1.0, 0.0, 0.0)))
         assert nose == pytest.approx((0.0, 1.0, 0.0), abs=1e-5)
 
     @given(triples)
     def test_combined_angles_are_yaw_pitch_roll(self, rpy: tuple[float, float, float]) -> None:
-        """Seen on the wire a pose is Rz(yaw) Ry(pitch) Rx(roll) (protocol checklist 62)."""
+        """Seen on the wire a pose is Rz(yaw) Ry(pitch) Rx(roll) (protocol 62)."""
         pose = pose_from_wire((0.0, 0.0, 0.0), rpy)
         flip = np.diag([1.0, -1.0, -1.0])
         np.testing.assert_allclose(flip @ pose.matrix() @ flip, rotation(*rpy), atol=EXACT)

@@ -1,4 +1,4 @@
-"""Fingers, suction cups, tool couplings, anchors (robots reference 1.10, 5.1 #13)."""
+"""Fingers, suction cups, tool couplings, anchors (robots reference 1.10, 13)."""
 
 from __future__ import annotations
 
@@ -360,7 +360,7 @@ class TestComingAndGoing:
 
 
 class TestAnchors:
-    """Platforms stand fixed where they are put (5.1 #13)."""
+    """Platforms stand fixed where they are put (robots 13)."""
 
     def test_gravity_does_not_move_them(self) -> None:
         """Put down in mid-air it stays there, to a hundredth of a millimetre."""

@@ -71,7 +71,7 @@ class TestPosition:
 
     @pytest.mark.parametrize(("wanted", "got"), [(5.0, 1.0), (-5.0, -1.0)])
     def test_targets_beyond_a_stop_are_the_stop(self, wanted: float, got: float) -> None:
-        """A joint goes to its stop and not through it (check 160)."""
+        """A joint goes to its stop and not through it (protocol 160)."""
         engine = arm_engine()
         order(engine, lift=wanted)
         furthest = 0.0
@@ -173,7 +173,7 @@ class TestVelocity:
         assert rate(engine, "pan") == pytest.approx(-1.5, rel=0.02)
 
     def test_lands_softly_on_a_stop(self) -> None:
-        """At a stop the joint slows down and stays there (check 160)."""
+        """At a stop the joint slows down and stays there (protocol 160)."""
         engine = arm_engine()
         spin(engine, lift=0.9, seconds=2.5)
         assert position(engine, "lift") == pytest.approx(1.0, abs=3e-3)
@@ -245,7 +245,7 @@ class TestOrders:
     """How orders are addressed."""
 
     def test_names_are_found_in_any_case_and_unknown_ones_ignored(self) -> None:
-        """An order to an unknown joint does not disturb the others (check 159)."""
+        """An order to an unknown joint does not disturb the others (protocol 159)."""
         engine = arm_engine()
         orders = {"PAN_Joint": JointOrder(Order.POSITION, 0.3), "knee": JointOrder(Order(0), 1.0)}
         engine.command_joints(0, orders)

@@ -100,7 +100,7 @@ class TestFree:
         assert find(fresh(), 0, pose) == pose
 
     def test_small_overlap_is_kept(self) -> None:
-        """Robots checklist 18: up to 2 cm of overlap the pose is used as it is."""
+        """Robots 18: up to 2 cm of overlap the pose is used as it is."""
         pose = pose_at(1.0 - FRONT + 0.018, 0.0)
         assert find(fresh(walled()), 0, pose) == pose
 
@@ -385,7 +385,7 @@ class TestDrop:
 
     @pytest.mark.parametrize("tilt", [0.0, 0.3])
     def test_from_a_metre_it_settles(self, tilt: float) -> None:
-        """Robots checklist 17: from 1 m it settles within 3 s to 1 cm, upright, no bounce."""
+        """Robots 17: from 1 m it settles within 3 s to 1 cm, upright, no bounce."""
         engine = fresh()
         pose = Pose((0.0, 0.0, RADIUS + 1.0), quaternion_from_rpy(tilt, 0.0, 0.5))
         engine.occupy(0, 0, find(engine, 0, pose))
@@ -405,7 +405,7 @@ class TestDrop:
     @pytest.mark.parametrize("yaw", [0.0, 0.6, math.pi / 2])
     @pytest.mark.parametrize("depth", [0.005, 0.0199])
     def test_small_overlap_is_pushed_out_gently(self, depth: float, yaw: float) -> None:
-        """Robots checklist 18: out of 2 cm of wall and floor it comes slower than 1 m/s."""
+        """Robots 18: out of 2 cm of wall and floor it comes slower than 1 m/s."""
         engine = fresh(walled())
         reach = touching_distance(yaw)
         wanted = pose_at(1.0 - reach + depth, 0.0, RADIUS - depth + 0.0005, yaw)
@@ -420,7 +420,7 @@ class TestDrop:
         assert overlap(engine, 0) < 0.005
 
     def test_no_jump_in_a_step(self) -> None:
-        """Robots checklist 62: a spawn at the limit of overlap moves no body 0.1 m in a step."""
+        """Robots 62: a spawn at the limit of overlap moves no body 0.1 m in a step."""
         engine = fresh(walled())
         engine.occupy(0, 0, pose_at(1.0 - FRONT + 0.02, 0.0, RADIUS - 0.02))
         last = base_qpos(engine, 0)[:3]

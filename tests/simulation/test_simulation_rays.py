@@ -138,7 +138,7 @@ class TestGlass:
         assert hit.distances[0] == pytest.approx(0.99)
 
     def test_lets_through_on_request(self, caster: Caster) -> None:
-        """An infrared ray reads the wall behind the glass (robots checklist 77)."""
+        """An infrared ray reads the wall behind the glass (robots 77)."""
         (hit,) = caster(ray((0, 0, 0.5), (1, 0, 0), through_glass=True))
         assert hit.distances[0] == pytest.approx(2.9)
 
@@ -393,7 +393,7 @@ def test_names_are_parted_into_words(name: str, words: list[str]) -> None:
     ],
 )
 def test_materials_with_trans_or_glass(material: str) -> None:
-    """Infrared goes through materials of imported maps with Trans in their name (checklist 77)."""
+    """Infrared goes through materials of imported maps with Trans in their name (robots 77)."""
     assert judged("panel_1", material)
 
 

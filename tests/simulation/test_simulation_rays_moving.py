@@ -130,7 +130,7 @@ class TestMoving:
         assert again.distances[0] == own.distances[0]
 
     def test_own_wheels_are_never_hit(self) -> None:
-        """Robots checklist 73: a ring of rays around a robot meets none of its parts."""
+        """Robots 73: a ring of rays around a robot meets none of its parts."""
         caster = Caster(engine_with((0.0, 0.0)))
         angles = np.linspace(0.0, 2 * np.pi, 720)
         ring = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)

@@ -171,7 +171,7 @@ class TestBrake:
 
     @pytest.mark.parametrize("gain", [20.0, 200.0])
     def test_holds_on_a_slope(self, gain: float) -> None:
-        """V16: parked on 15 degrees it creeps less than 6 mm/s over 10 s (checklist 53)."""
+        """V16: parked on 15 degrees it creeps less than 6 mm/s over 10 s (robots 53)."""
         engine = engine_with(
             (0.0, 0.0, HOVER), scenery=floor(slope=SLOPE), model=robot_model(gain=gain)
         )

@@ -60,7 +60,8 @@ def truth(*stations: Station) -> tuple[GroundTruth, Town, Counter]:
 
 
 def test_positions_are_in_the_wire_frame_and_live() -> None:
-    """48, 49, 51, 52, 64: everybody in order, y and z turned round, as they are at that moment."""
+    """Side channels 48, 49, 51, 52, 64: everybody in order, y and z turned round, as they are at
+    that moment."""
     ground_truth, town, _ = truth()
     assert ground_truth.answer("GETPOS") == "POSITIONS {Robots 0}"
     town.stations = [ROBOT, BASE]
@@ -73,7 +74,7 @@ def test_positions_are_in_the_wire_frame_and_live() -> None:
 
 
 def test_robots_are_found_in_any_case_and_echoed_as_sent() -> None:
-    """56, 63: the counter gets their places, the client its own spelling back."""
+    """Side channels 56, 63: the counter gets their places, the client its own spelling back."""
     ground_truth, _, counter = truth(ROBOT, BASE)
     line = ground_truth.answer("GETOBS {From ROBOT1} {To Base}")
     assert line == "NUMOBS {From ROBOT1} {To Base} {ObstCount 3.0000}"
@@ -82,14 +83,15 @@ def test_robots_are_found_in_any_case_and_echoed_as_sent() -> None:
 
 @pytest.mark.parametrize("pair", ["{From Nobody} {To base}", "{From base} {To Nobody}"])
 def test_nobody_is_at_an_unknown_distance(pair: str) -> None:
-    """58: -1.0000, and nothing is counted."""
+    """Side channels 58: -1.0000, and nothing is counted."""
     ground_truth, _, counter = truth(ROBOT, BASE)
     assert ground_truth.answer(f"GETOBS {pair}") == f"NUMOBS {pair} {{ObstCount -1.0000}}"
     assert counter.asked == []
 
 
 def test_points_are_counted_between_without_looking_at_robots() -> None:
-    """59: echoed verbatim, turned into the simulation's frame; robots are not needed."""
+    """Side channels 59: echoed verbatim, turned into the simulation's frame; robots are not
+    needed."""
     ground_truth, town, counter = truth(ROBOT)
     line = ground_truth.answer("GETOBS {Start 0,1,-2} {End 10.0,0,0}")
     assert line == "NUMOBS {Start 0,1,-2} {End 10.0,0,0} {ObstCount 10.0000}"
@@ -98,14 +100,14 @@ def test_points_are_counted_between_without_looking_at_robots() -> None:
 
 
 def test_half_a_question_gets_an_empty_line_and_none_gets_nothing() -> None:
-    """60, 61: an empty text is a reply, None is no reply."""
+    """Side channels 60, 61: an empty text is a reply, None is no reply."""
     ground_truth, _, _ = truth(ROBOT)
     assert ground_truth.answer("GETOBS {From Robot1}") == ""
     assert ground_truth.answer("GETALL") is None
 
 
 def test_questions_that_come_together_are_about_one_moment() -> None:
-    """54: many requests of one packet cost one look and keep their order."""
+    """Side channels 54: many requests of one packet cost one look and keep their order."""
     ground_truth, town, _ = truth(ROBOT, BASE)
     lines = ["GETPOS", "WHAT", "GETOBS {From base} {To robot1}", "GETOBS", "GETPOS"]
     replies = ground_truth.answers(lines)
@@ -120,7 +122,7 @@ def test_questions_that_come_together_are_about_one_moment() -> None:
 
 
 def test_two_robots_of_one_name_are_told_apart_by_order() -> None:
-    """3.3: the lookup takes the first."""
+    """Side channels 3.3: the lookup takes the first."""
     twin = Station("ROBOT1", (2.0, 0.0, 0.0))
     ground_truth, _, counter = truth(ROBOT, twin, BASE)
     ground_truth.answer("GETOBS {From base} {To robot1}")
@@ -226,8 +228,8 @@ def positions(stage: Rehearsal) -> str:
 
 
 def test_robots_of_a_world_are_stations_while_they_are_there() -> None:
-    """51, 52: robots in the order of spawning, by the names of INIT; controllers and avatars of the
-    world are none; who hangs up is gone."""
+    """Side channels 51, 52: robots in the order of spawning, by the names of INIT; controllers and
+    avatars of the world are none; who hangs up is gone."""
     with Rehearsal(world="empty") as stage:
         clients = [stage.connect() for _ in range(4)]
         clients[0].send("INIT {ClassName USARBot.P2DX} {Name beTa} {Location 1,2,-0.3}")
@@ -249,7 +251,8 @@ def test_robots_of_a_world_are_stations_while_they_are_there() -> None:
 
 
 def test_an_empty_battery_shows_from_its_last_second_on() -> None:
-    """64: True as soon as STA would print 0 seconds, robots without a battery never."""
+    """Side channels 64: True as soon as STA would print 0 seconds, robots without a battery
+    never."""
     with Rehearsal(world="empty") as stage:
         client = stage.connect()
         client.send("INIT {ClassName USARBot.P3AT} {Name Tired} {Location 1,2,-0.3} {Battery 3}")
@@ -262,7 +265,7 @@ def test_an_empty_battery_shows_from_its_last_second_on() -> None:
 
 
 def test_robots_move_in_ground_truth_as_they_move() -> None:
-    """3.2: the place is that of the moment, not of the last report."""
+    """Side channels 3.2: the place is that of the moment, not of the last report."""
     with Rehearsal(world="empty") as stage:
         client = stage.connect()
         client.send(
@@ -324,7 +327,8 @@ def robot(stage: Rehearsal, name: str, place: str, kind: str = "P3AT") -> Rehear
 
 
 def test_everybody_who_walks_or_drives_is_listed(arena: Rehearsal) -> None:
-    """88, 89, 94: robots under class and number, victims of either sex, avatars; no objects."""
+    """Side channels 88, 89, 94: robots under class and number, victims of either sex, avatars; no
+    objects."""
     scorer = Scorer(arena)
     robots = [robot(arena, "Anna", "1,0,-0.3"), robot(arena, "Otto", "-1,0,-0.3", "P2DX")]
     robots.append(robot(arena, "Bert", "3,0,-0.3"))
@@ -348,7 +352,7 @@ def test_everybody_who_walks_or_drives_is_listed(arena: Rehearsal) -> None:
 
 
 def test_poses_are_those_of_the_wire(arena: Rehearsal) -> None:
-    """93, 98: a robot and a victim stand where INIT and the world file put them."""
+    """Side channels 93, 98: a robot and a victim stand where INIT and the world file put them."""
     client = robot(arena, "R", "1,0.5,-0.3")
     arena.run(0.5)
     scorer = Scorer(arena)
@@ -364,7 +368,8 @@ def test_poses_are_those_of_the_wire(arena: Rehearsal) -> None:
 
 
 def test_victims_with_names_of_their_own_get_an_engines(arena: Rehearsal) -> None:
-    """94: class and number, by figure, past the numbers that the world file uses itself."""
+    """Side channels 94: class and number, by figure, past the numbers that the world file uses
+    itself."""
     names = {"Bob": None, "MaleVictim_2": None, "Eve": "female", "MaleVictim_x": "male"}
     people = [
         LiveVictim(
@@ -383,7 +388,8 @@ def test_victims_with_names_of_their_own_get_an_engines(arena: Rehearsal) -> Non
 
 
 def test_names_are_never_used_twice(arena: Rehearsal) -> None:
-    """94: tools key on names, so a newcomer never gets the name of one that has left."""
+    """Side channels 94: tools key on names, so a newcomer never gets the name of one that has
+    left."""
     scorer = Scorer(arena)
     first = robot(arena, "A", "1,0,-0.3")
     assert scorer.names("{class USARBot.P3AT}") == ["P3AT_0"]
@@ -439,13 +445,13 @@ OBJECTS = [*PARTS, "Crate"]
     ],
 )
 def test_queries_find_what_they_ask_for(yard: Scorer, query: str, names: list[str]) -> None:
-    """90, 91, 6.1: by class and its ancestors, with or without package, by exact name, by both;
-    objects under their own names and only if asked for."""
+    """Side channels 90, 91, 6.1: by class and its ancestors, with or without package, by exact
+    name, by both; objects under their own names and only if asked for."""
     assert yard.names(query) == names
 
 
 def test_items_of_robots_go_by_their_own_names(yard: Scorer) -> None:
-    """6.1: sensors are listed where they are mounted, under the name of the item."""
+    """Side channels 6.1: sensors are listed where they are mounted, under the name of the item."""
     lasers = yard.ask("{class USARSensor.SICK}")
     sonars = yard.ask("{class USARSensor.Sonar} {name F1}")
     assert [row[:2] for row in lasers] == [("lms200", "SICK")]

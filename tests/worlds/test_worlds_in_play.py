@@ -97,7 +97,7 @@ def speed_at(stage: Rehearsal, client: RehearsedClient, *places: float) -> list[
 
 
 def test_the_smoke_of_the_corridor(stage: Rehearsal) -> None:
-    """Checklist 76 from 0.5 m before the smoke: SICK sees the far wall, Hokuyo nothing ahead."""
+    """Robots 76 from 0.5 m before the smoke: SICK sees the far wall, Hokuyo nothing ahead."""
     client = enter(stage, "Scout", 6.0, 0.3)
     sick, hokuyo = scan(stage, client, "lms200"), scan(stage, client, "urg")
     assert sick[90] == pytest.approx(23.94 - 6.0 - 0.2085, abs=0.05)

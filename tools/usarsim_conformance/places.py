@@ -15,8 +15,8 @@ from usarsim_conformance.lines import Line, number, numbers
 APART = 1.5
 """m between two places, so that robots can drive a little."""
 LEAVES = 1.0
-"""s of simulated time in which the robot of a closed connection leaves (protocol reference
-6.1.13)."""
+"""s of simulated time in which the robot of a closed connection leaves (protocol reference 6.1,
+no. 13)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -65,7 +65,7 @@ class Facts:
     """What kind of stream it is.
 
     Attributes:
-        pushes: whether a picture comes before the first request (legacy mode, 2.8).
+        pushes: whether a picture comes before the first request (legacy mode, side channels 2.8).
         marks: whether rectangles are answered, so that one can mark where answers begin.
         kind: the type byte.
         width: of the full frame, pixels. height: likewise.
@@ -228,7 +228,7 @@ async def _up_to_mark(wire: Wire, within: float | None = None) -> list[Frame]:
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """Where a camera is in the full frame, as CONF tells (2.10); pixels and degrees."""
+    """Where a camera is in the full frame, as CONF tells (side channels 2.10); pixels, degrees."""
 
     name: str
     x: int

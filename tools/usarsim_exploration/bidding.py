@@ -22,7 +22,7 @@ from usarsim_exploration.strategy import BASE, View
 from usarsim_exploration.walking import into_unknown
 
 CONSIDERED = 6
-"""The best so many frontiers are bid for (reference 2)."""
+"""The best so many frontiers are bid for (exploration 2)."""
 _NEAR = 2
 """Cells around one that was looked from in vain, in which no other one is tried."""
 
@@ -65,7 +65,7 @@ class Bidding:
         """Which of some frontiers is the robot's; None: there is none for it.
 
         A bid is size x 1e8 / d^4, d the length of the robot's own way. For others it is the
-        straight distance, and the way when they would win by that (reference 8).
+        straight distance, and the way when they would win by that (exploration 8).
         """
         if not aims:
             return None

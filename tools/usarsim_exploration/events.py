@@ -1,7 +1,7 @@
 """What happens to a run from outside: robots fail or come late, radios are out, doors close.
 
 Events of `[[event]]` come between two steps, before the robots decide. Robots are not told; they
-find out by their scanners, by a move that is blocked, or by silence (reference 16).
+find out by their scanners, by a move that is blocked, or by silence (exploration 16).
 """
 
 from __future__ import annotations

@@ -129,7 +129,7 @@ class Exchange:
         return self._post is not None and self._post.under_way_to(BASE)
 
     def _trade_maps(self, step: int, group: list[Body]) -> None:
-        """Fold the cells that are news to anybody, in the order of numbers (reference 6.4)."""
+        """Fold the cells that are news to anybody, in the order of numbers (exploration 6.4)."""
         numbers = [body.view.number for body in group]
         pairs = np.ix_(numbers, numbers)
         synced = self._synced[pairs].T.tolist()

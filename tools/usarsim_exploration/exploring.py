@@ -199,7 +199,7 @@ def way_to(view: View, goal: Cell) -> Path:
     """The way through known free space; or through walls that were only supposed, not measured.
 
     Scans suppose walls between points that they measured, now and then across a door that the robot
-    came through (reference 6.3). Empty: there is no way, or the robot is there.
+    came through (exploration 6.3). Empty: there is no way, or the robot is there.
     """
     way = view.planner.path(view.cell, goal)
     if way is None:

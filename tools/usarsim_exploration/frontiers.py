@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from usarsim_exploration.strategy import View
 
 SMALLEST = 3.0
-"""Size below which a frontier is left alone (reference 2)."""
+"""Size below which a frontier is left alone (exploration 2)."""
 WIDEST = 3
 """Cells of a passage that may have no frontier of that size."""
 AROUND = np.ones((3, 3), np.uint8)

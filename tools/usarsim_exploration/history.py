@@ -134,7 +134,7 @@ class History:
 
         Returns:
             Largest value and sum so far, both (rows, bodies). What was not heard yet counts
-            nothing; a body has heard of steps up to row - `latency` (reference 13.1).
+            nothing; a body has heard of steps up to row - `latency` (exploration 13.1).
         """
         rows = np.arange(self.steps + 1)[:, None]
         newest = rows - self.latency

@@ -29,7 +29,7 @@ _NONE = np.empty(0, np.int32)
 
 
 def _merged(own: int, other: int) -> int:
-    """Bits of a cell after a partner's were heard (reference 6.4); a wall that was felt stays.
+    """Bits of a cell after a partner's were heard (exploration 6.4); a wall that was felt stays.
 
     Else whoever finds a door closed would hear from others at once that it is certainly open.
     """
@@ -86,7 +86,7 @@ class KnownMap:
         self, step: int, scanner: Scanner, cells: Sequence[Cell], headings: Sequence[float],
         driven: bool,
     ) -> NDArray[np.int32]:  # fmt: skip
-        """Scan from some cells and take it all in at once (reference 6.3).
+        """Scan from some cells and take it all in at once (exploration 6.3).
 
         Args:
             step: now. cells: at least one. headings: rad, for each. driven: over these cells.

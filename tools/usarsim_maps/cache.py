@@ -2,7 +2,7 @@
 
 A key covers the bytes of the map and of its sidecar, the options, the listing of asset folders
 and the version of this program; an entry also names every other file that was read, with size and
-time of change (items 67, 68).
+time of change (worlds 67, 68).
 """
 
 from __future__ import annotations

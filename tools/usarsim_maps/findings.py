@@ -50,7 +50,7 @@ class Findings:
             names.append(name)
 
     def missing(self, kind: str, name: str) -> None:
-        """A `mesh`, `texture`, `model` or `file` that the map names was not found (item 70)."""
+        """A `mesh`, `texture`, `model` or `file` that the map names was not found (worlds 70)."""
         self._missing[kind, name] += 1
 
     def warn(self, subject: str, text: str) -> None:

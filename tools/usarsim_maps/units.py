@@ -30,7 +30,7 @@ MIRROR = np.diag([1.0, -1.0, 1.0])
 def unreal_points(
     points: Sequence[float] | Sequence[Sequence[float]] | Array, scale: float = UU_PER_METRE
 ) -> Array:
-    """Points (n, 3) or one point (3,): (X, Y, Z) becomes (X, -Y, Z) / scale (item 1).
+    """Points (n, 3) or one point (3,): (X, Y, Z) becomes (X, -Y, Z) / scale (worlds 1).
 
     This is a reflection: whoever uses it on faces reverses their vertex order once.
     """
@@ -69,7 +69,7 @@ def unreal_matrix(
 ) -> Array:
     """Matrix (4, 4) from an actor's local frame (already mirrored, in metres) into the world.
 
-    T(location) diag(post) R diag(main DrawScale DrawScale3D) T(-pivot), items 11 and 12. Diagonal
+    T(location) diag(post) R diag(main DrawScale DrawScale3D) T(-pivot), worlds 11 and 12. Diagonal
     scales are the same in the mirrored frame. `main_scale` and `post_scale` are those of UE1 and
     UE2 brushes.
     """

@@ -6,7 +6,7 @@ turn, by Fourier transforms; the best few are refined by Gauss-Newton on the dis
 walls. Distances are to the nearest wall cell's side, so that a finer or coarser raster costs
 nothing.
 
-M = clamp((worthless - error) / (worthless - perfect)) x share (operator layer, 7.2).
+M = clamp((worthless - error) / (worthless - perfect)) x share (operator 7.2).
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ answered; status lines are written. No threads, no schedule.
 
 Links are numbered from 1 in MISPKG and in everything that is reported, from 0 in ACT (protocol
 reference 5.2 number 5). GEO announces every link by a frame whose z axis is the axis of its joint
-(4.7), as captured messages show: a pan axis that points upwards is `{Orientation
+(protocol 4.7), as captured messages show: a pan axis that points upwards is `{Orientation
 3.1415,0.0000,0.0000}` on the body, a tilt axis that points to the right is `1.5707,0.0000,0.0000`
 on the pan. What is mounted on a link is announced in another frame, the link's own, which is
 parallel to the body while the joints are at zero; captured poses of cameras on such links have no

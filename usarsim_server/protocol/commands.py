@@ -45,7 +45,7 @@ T = TypeVar("T")
 
 _DIALECTS = {dialect.value: dialect for dialect in Dialect}
 _SET_NAMES = frozenset({"type", "name", "opcode", "params"})
-# Segments that name opcode and parameter at once: `{Name Cam} {FOV 0.35}` (3.7).
+# Segments that name opcode and parameter at once: `{Name Cam} {FOV 0.35}` (protocol 3.7).
 _OPCODE_SEGMENTS = ("fov", "zoom")
 # Ticks that one SYNC may let pass; a slip of the pen must not let the world run away for ever.
 _MOST_TICKS = 1_000_000
@@ -209,7 +209,8 @@ def _links(command: Command) -> tuple[LinkTarget, ...]:
 
 
 def _pan_tilt(fields: _Fields) -> tuple[LinkTarget, ...]:
-    """Targets of the early `{Rotation 0,tilt,pan}` form: link 1 pans, link 2 tilts (3.6)."""
+    """Targets of the early `{Rotation 0,tilt,pan}` form: link 1 pans, link 2 tilts
+    (protocol 3.6)."""
     rotation = fields.vector("rotation")
     if rotation is None:
         return ()
@@ -272,7 +273,7 @@ def _set(command: Command) -> Set:
 
 
 def _nameless(segments: tuple[Segment, ...]) -> str:
-    """Text of a last segment of one word, which Player sends in place of Params (3.7)."""
+    """Text of a last segment of one word, which Player sends in place of Params (protocol 3.7)."""
     key, value = segments[-1] if segments else ("", "")
     return key if not value and key.lower() not in _SET_NAMES else ""
 

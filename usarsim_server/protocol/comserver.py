@@ -80,7 +80,7 @@ class MessageFramer:
     """Cuts one connection's bytes into messages.
 
     All complete messages of a chunk are found, and blanks and line ends between them are skipped,
-    unlike in the original, which expected clients to wait for every answer (5.1).
+    unlike in the original, which expected clients to wait for every answer (side channels 5.1).
     """
 
     __slots__ = ("_draining", "_held")
@@ -125,7 +125,8 @@ def parse_message(message: bytes | None) -> Request | bytes:
 
 
 def strength_reply(strength: float) -> bytes:
-    """Answer to GETSS: what is not a number or positive is an error by convention (5.3)."""
+    """Answer to GETSS: what is not a number or positive is an error by convention
+    (side channels 5.3)."""
     if not -math.inf < strength <= 0.0:
         return NO_STRENGTH
     return f"OK:{strength + 0.0:.6g};".encode("ascii")
@@ -161,7 +162,8 @@ def _fail(reason: str) -> bytes:
 
 
 class LinkReader:
-    """Reads what a robot sends on a data link (5.4); memory does not grow with the payload.
+    """Reads what a robot sends on a data link (side channels 5.4); memory does not grow with the
+    payload.
 
     Works on whole buffers: junk is passed over by one search, however many words it has.
 

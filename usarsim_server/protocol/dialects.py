@@ -1,7 +1,7 @@
 """Which dialect a connection speaks, and what the dialects differ in (protocol reference 5.3).
 
-The addendum of the reference wins over its section 5.3: under `auto` the robot class decides the
-default, and only then do the client's own habits switch `ut2004` to `udk`.
+The addendum of that page wins over its section: under `auto` the robot class decides the default,
+and only then do the client's own habits switch `ut2004` to `udk`.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ class Facets:
     """Everything the output and the few dialect dependent inputs differ in; defaults: `ut2004`."""
 
     sta_period: float = 0.2  # s of simulated time between STA lines (row "STA period")
-    time_digits: int = 2  # of Time in STA, MISSTA, ASTA, EFF and RES (table 2.2)
+    time_digits: int = 2  # of Time in STA, MISSTA, ASTA, EFF and RES (protocol table 2.2)
     range_digits: int = 4  # of RangeScanner ranges (row "RangeScanner digits")
-    geometry_digits: int = 4  # of sensor GEO (table 2.2)
+    geometry_digits: int = 4  # of sensor GEO (protocol table 2.2)
     batched_geometry: bool = True
     """Sensor GEO has one multi-pair segment per item (row "sensor GEO")."""
     type_before_name: bool = True  # order of the vehicle CONF (row "vehicle CONF")
@@ -49,26 +49,28 @@ class Facets:
     """Angles in (-pi, pi], otherwise in [0, 2 pi) (row "GroundTruth")."""
     ground_truth_digits: int = 2  # row "GroundTruth angles, digits"
     encoder_wraps: bool = False  # ticks are modulo one turn and items are named Wk (row "Encoder")
-    panning_key: str = "Paning"  # spelling in RangeScanner CONF (5.2 no. 11).
-    flip: bool = True  # DRIVE Flip sets an overturned robot back on its wheels (3.4)
+    panning_key: str = "Paning"  # spelling in RangeScanner CONF (protocol 5.2 no. 11).
+    flip: bool = True  # DRIVE Flip sets an overturned robot back on its wheels (protocol 3.4)
     limb_period: float | None = None
-    """s of simulated time between two ASTA and two EFF lines (4.9); None: actuators report as often
-    as STA, effectors on request only."""
-    lamp_always_full: bool = False  # LightIntensity is 100 even while the lamp is off (4.3)
+    """s of simulated time between two ASTA and two EFF lines (protocol 4.9); None: actuators report
+    as often as STA, effectors on request only."""
+    lamp_always_full: bool = False  # LightIntensity is 100 while the lamp is off (protocol 4.3)
     steering_as_commanded: bool = False
-    """STA tells commanded steering angles, otherwise measured ones (4.3)."""
-    tilt_commands: bool = False  # aircraft obey PitchAngle and RollAngle (3.4.4)
-    flight_in_degrees: bool = False  # CONF of aircraft tells angles in degrees (5.2 no. 16).
+    """STA tells commanded steering angles, otherwise measured ones (protocol 4.3)."""
+    tilt_commands: bool = False  # aircraft obey PitchAngle and RollAngle (protocol 3.4.4)
+    flight_in_degrees: bool = False  # in CONF of aircraft (protocol 5.2 no. 16).
     link_mounts: bool = True
-    """GEO names the link that carries an item, otherwise the actuator or the vehicle (4.7)."""
-    package_type: str = "MisPkg"  # type by which clients ask for actuators (4.8)
-    odometry_resolution: bool = True  # Odometry CONF tells EncoderResolution (4.8)
+    """GEO names the link that carries an item, otherwise the actuator or the vehicle
+    (protocol 4.7)."""
+    package_type: str = "MisPkg"  # type by which clients ask for actuators (protocol 4.8)
+    odometry_resolution: bool = True  # Odometry CONF tells EncoderResolution (protocol 4.8)
     acceleration_orientation: bool = True
-    """The acceleration sensor tells Orientation (4.6, addendum)."""
-    infrared_limits: int = 1  # how often IR CONF tells both limits (4.8)
-    sonar_cone: bool = False  # Sonar CONF tells how the cone is sampled (4.8)
+    """The acceleration sensor tells Orientation (protocol 4.6, addendum)."""
+    infrared_limits: int = 1  # how often IR CONF tells both limits (protocol 4.8)
+    sonar_cone: bool = False  # Sonar CONF tells how the cone is sampled (protocol 4.8)
     image_pairs: bool = False
-    """The range imager tells both axes of its image, otherwise those of a scanner (4.6, 4.8)."""
+    """The range imager tells both axes of its image, otherwise those of a scanner (protocol 4.6,
+    4.8)."""
 
 
 FACETS: Mapping[Dialect, Facets] = {
@@ -112,8 +114,8 @@ ANGLE_UNIT = math.tau / 65536
 """Smallest angle of the UDK engine, rad (protocol reference 2.4)."""
 
 _MAX_FOUR_DIGIT_BEAMS = 240
-"""More beams than this print with two digits in every dialect (5.2 no. 14): RDK's line buffer
-holds 2048 characters, and 240 ranges such as `19.9999,` fill 1920 of them."""
+"""More beams than this print with two digits in every dialect (protocol 5.2 no. 14): RDK's line
+buffer holds 2048 characters, and 240 ranges such as `19.9999,` fill 1920 of them."""
 
 
 def limb_periods(dialect: Dialect, status: float) -> tuple[float, float]:
@@ -167,14 +169,14 @@ UDK_ONLY_CLASSES = frozenset(
         "frontackerman",
     ]
 )
-"""Robot classes, lower case, that no UT2004 server had (5.3 signal 4)."""
+"""Robot classes, lower case, that no UT2004 server had (protocol 5.3 signal 4)."""
 
 _UDK_PACKAGES = frozenset({"usarbotapi", "usaravatar"})
 _UDK_TYPES = frozenset({"actuator", "gripper", "toolchanger", "rangeimager", "objectsensor"})
 
 
 def _is_udk_signal(request: Request) -> bool:
-    """Whether only a client of the UDK generation sends this (the four signals of 5.3)."""
+    """Whether only a client of the UDK generation sends this (the four signals of protocol 5.3)."""
     match request:
         case Init():
             return (

@@ -2,10 +2,10 @@
 
 The grammar is the tolerant one of the reference: junk between segments is skipped, a broken segment
 is dropped without hiding its neighbours, and a command glued behind a closing brace starts a
-command of its own (1.4). Every function here runs in linear time and accepts any bytes.
+command of its own (protocol 1.4). Every function here runs in linear time and accepts any bytes.
 
-Lines come out of bytes in any chunking (1.4): linear in the number of bytes, however small the
-chunks are; memory is bounded by one line; a line that is too long is drained to its end and the
+Lines come out of bytes in any chunking (protocol 1.4): linear in the number of bytes, however small
+the chunks are; memory is bounded by one line; a line that is too long is drained to its end and the
 connection lives on.
 """
 

@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Init:
-    """Spawn a robot (3.2)."""
+    """Spawn a robot (protocol 3.2)."""
 
     class_name: str  # class without package, spelled as sent; empty if the segment is missing
     package: str = ""  # text before the last point of the class, empty if there is none
@@ -40,26 +40,27 @@ class Init:
 
 @dataclass(frozen=True, slots=True)
 class GetStartPoses:
-    """List the start positions (3.3)."""
+    """List the start positions (protocol 3.3)."""
 
     exact_name: bool = False  # first of all, say that `Init.exact_name` is known here
 
 
 @dataclass(frozen=True, slots=True)
 class GetPathNodes:
-    """List the nodes of the walking graph (3.3)."""
+    """List the nodes of the walking graph (protocol 3.3)."""
 
 
 @dataclass(frozen=True, slots=True)
 class GetClosestPathNode:
-    """Name the node nearest to a location (m); without a location there is no answer (3.3)."""
+    """Name the node nearest to a location (m); without a location there is no answer
+    (protocol 3.3)."""
 
     location: Vector | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class WheelTarget:
-    """One group of a wheel by wheel DRIVE (3.4.3)."""
+    """One group of a wheel by wheel DRIVE (protocol 3.4.3)."""
 
     number: int  # wheel, counted from 0
     speed: float | None = None  # wheel spin in rad/s or percent; None if the group has none
@@ -68,7 +69,7 @@ class WheelTarget:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drive:
-    """Targets for the vehicle, all families of 3.4 in one value; clients mix them.
+    """Targets for the vehicle, all families of protocol 3.4 in one value; clients mix them.
 
     Attributes:
         normalized: speeds are percent of the maximum; None if the client did not say.
@@ -123,14 +124,14 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class MultiDrive:
-    """Position targets (rad) of several joints by name in lower case (3.5)."""
+    """Position targets (rad) of several joints by name in lower case (protocol 3.5)."""
 
     joints: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Set:
-    """Change an item (3.7)."""
+    """Change an item (protocol 3.7)."""
 
     type: str  # item type as sent
     name: str | None = None  # item name; None addresses all items of the type
@@ -149,7 +150,7 @@ class Set:
 
 @dataclass(frozen=True, slots=True)
 class GetConf:
-    """Ask for the configuration of the items of a type, or of one of them (3.8)."""
+    """Ask for the configuration of the items of a type, or of one of them (protocol 3.8)."""
 
     type: str
     name: str | None = None
@@ -157,7 +158,7 @@ class GetConf:
 
 @dataclass(frozen=True, slots=True)
 class GetGeo:
-    """Ask for the geometry of the items of a type, or of one of them (3.8)."""
+    """Ask for the geometry of the items of a type, or of one of them (protocol 3.8)."""
 
     type: str
     name: str | None = None
@@ -167,14 +168,15 @@ class GetGeo:
 class LinkTarget:
     """Target of one link of an actuator."""
 
-    link: int  # number as sent: from 1 in MISPKG, from 0 in ACT (5.2 no. 5).
+    link: int  # number as sent: from 1 in MISPKG, from 0 in ACT (protocol 5.2 no. 5).
     value: float  # rad or m for order 0, their rates for order 1, N m or N for order 2
     order: int = 0  # 0 position, 1 velocity, 2 torque
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MisPkg:
-    """Move a mission package; links count from 1 (3.9, and 3.6 for the old pan-tilt form)."""
+    """Move a mission package; links count from 1 (protocol 3.9, and 3.6 for the old pan-tilt
+    form)."""
 
     name: str
     groups: tuple[LinkTarget, ...] = ()
@@ -184,7 +186,7 @@ class MisPkg:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Act:
-    """Move an actuator; links count from 0 (3.10)."""
+    """Move an actuator; links count from 0 (protocol 3.10)."""
 
     name: str
     groups: tuple[LinkTarget, ...] = ()
@@ -194,7 +196,7 @@ class Act:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Move:
-    """Let an avatar walk (3.13)."""
+    """Let an avatar walk (protocol 3.13)."""
 
     type: str | None = None  # gait, for example Walk_Forward
     action: str | None = None  # New, Append, Pause or Resume
@@ -204,14 +206,14 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class Goto:
-    """Let an avatar walk to a path node (3.13)."""
+    """Let an avatar walk to a path node (protocol 3.13)."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """A request to the world controller (3.14); its segments depend on the type."""
+    """A request to the world controller (protocol 3.14); its segments depend on the type."""
 
     type: str
     segments: tuple[Segment, ...] = ()
@@ -233,14 +235,15 @@ class Control:
 
 @dataclass(frozen=True, slots=True)
 class Ignored:
-    """A command that is known and has no effect here (3.12, 3.15)."""
+    """A command that is known and has no effect here (protocol 3.12, 3.15)."""
 
     word: str
 
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """A command nobody knows, at most 40 characters of it; logged, without effect (1.7)."""
+    """A command nobody knows, at most 40 characters of it; logged, without effect
+    (protocol 1.7)."""
 
     word: str
 

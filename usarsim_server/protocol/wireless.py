@@ -14,7 +14,7 @@ from enum import StrEnum
 from usarsim_server.protocol.values import LONGEST_NAME, clean_name
 
 MAX_LINE = 100 * 1024
-"""Longest line in bytes: the buffer of the original (4.1)."""
+"""Longest line in bytes: the buffer of the original (side channels 4.1)."""
 
 MOST_PORTS = 256
 """Ports that a robot may say it listens on; the original set no limit, clients name one or two."""
@@ -23,7 +23,7 @@ INIT_OK = "INITREPLY {Status OK}"
 
 
 class Reason(StrEnum):
-    """Why a request is refused, in the words of 4.2."""
+    """Why a request is refused, in the words of side channels 4.2."""
 
     INIT_FIRST = "Must.Use.INIT.Method.First"
     PORTS = "Ports.List.Must.Be.Integer"
@@ -82,7 +82,8 @@ def parse_request(line: bytes) -> Request:
 
 
 def asks_for_ground_truth(line: bytes) -> bool:
-    """Whether a line is one of those that simulators answer (3.2, 3.3), in any case."""
+    """Whether a line is one of those that simulators answer (side channels 3.2, 3.3), in any
+    case."""
     verb = _VERB.match(_text(line))
     return verb is not None and verb[0].upper() in _TRUTH_VERBS
 
@@ -102,7 +103,8 @@ def strength_reply(robot: str, strength: float, *, oneself: bool = False) -> str
 
     Args:
         robot: as the request spelt it.
-        strength: dBm. What is not a number or positive counts as a failure of the model (4.2), and
+        strength: dBm. What is not a number or positive counts as a failure of the model
+        (side channels 4.2), and
             so does minus infinity, for which the original has no word.
         oneself: the robot asked about itself.
     """

@@ -99,7 +99,8 @@ def create_model(name: str, table: Table, place: str) -> Propagation:
 
 @register("none", "Noop")
 class NoPropagation(Propagation):
-    """0 dBm everywhere, every link is up, and nobody has to be in the simulator (4.5)."""
+    """0 dBm everywhere, every link is up, and nobody has to be in the simulator
+    (side channels 4.5)."""
 
     needs_positions = False
     trusting = True

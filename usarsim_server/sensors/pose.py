@@ -1,5 +1,5 @@
 """What a robot knows of itself: true pose, compass, altimeter, mission clock (robots reference
-2.5), satellite positioning (2.6), and the battery, whose state is in STA and never in SEN.
+2.5), satellite positioning (robots 2.6), and the battery, whose state is in STA and never in SEN.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Distances: what all sensors share that measure them, range finders and line lasers.
 
 Range finders have one ray along the mount axis (robots reference 2.2). Line lasers report the
-points of a fan of beams in the world (2.3). Sonars are in `sonar.py`.
+points of a fan of beams in the world (robots 2.3). Sonars are in `sonar.py`.
 
 Directions of rays are computed once in the sensor's own frame and turned once per reading.
 """

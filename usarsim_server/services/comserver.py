@@ -64,7 +64,7 @@ _ROBOT_BYTES = 16 * 1024
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComServerLimits(PortLimits):
-    """What robots may use; names stay registered for the server's lifetime (5.1)."""
+    """What robots may use; names stay registered for the server's lifetime (side channels 5.1)."""
 
     robots: int = 256
     """Names that may be registered; beyond it the oldest that is no robot of the world and has no
@@ -233,7 +233,7 @@ class ComServerService(PortService[ComServerLimits]):
         robot = self._robots.get(request.name)
         if robot is None:
             return comserver.not_registered(request.name)
-        # As in the original only the first entry is compared (5.2).
+        # As in the original only the first entry is compared (side channels 5.2).
         if robot.listening[:1] == [request.port]:
             return comserver.already_listening(request.name, request.port)
         if len(robot.listening) >= self._limits.ports:
@@ -295,7 +295,8 @@ class ComServerService(PortService[ComServerLimits]):
                 one.close()
 
     async def _carry(self, sockets: list[socket.socket], one: str, other: str) -> None:
-        """Until CLOSE, the end of either side, or the end of the radio's reach (5.4)."""
+        """Until CLOSE, the end of either side, or the end of the radio's reach
+        (side channels 5.4)."""
         there, back = sockets
         account = self._link_budget.newcomer()
         seconds = self._limits.silence
@@ -340,7 +341,7 @@ class ComServerService(PortService[ComServerLimits]):
     # -- the watch -------------------------------------------------------------------------------
 
     def _review(self) -> None:
-        # Nobody is dismissed: names outlive their robots here (5.1).
+        # Nobody is dismissed: names outlive their robots here (side channels 5.1).
         self._network.review(asyncio.get_running_loop().time())
         self._network.log.flush()
 

@@ -136,7 +136,7 @@ class ControlService(PortService[ControlLimits]):
 
         Args:
             host, port, limits: see `PortService`.
-            greeting: the one line, CR LF included, that every client reads first (1.2).
+            greeting: the one line, CR LF included, that every client reads first (protocol 1.2).
             session_factory: see `SessionFactory`; called once per connection.
             pace: which part of its share the service may use now.
         """

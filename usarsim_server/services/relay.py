@@ -24,7 +24,7 @@ from usarsim_server.services.listener import set_buffers, tune
 from usarsim_server.services.silence import PATIENCE, ends_when_gone
 
 BUFFER = 32 * 1024
-"""Bytes read at a time where traffic simply passes; the original read 2048 (4.3)."""
+"""Bytes read at a time where traffic simply passes; the original read 2048 (side channels 4.3)."""
 BLOCK = 8 * 1024
 """Bytes read at a time on a shaped link: the finest grain of bandwidth."""
 WAITING_BYTES, WAITING_BLOCKS = 128 * 1024, 4096

@@ -35,7 +35,7 @@ from usarsim_server.worlds.avatars.ways import Survey, distances_to, find_node, 
 from usarsim_server.worlds.description import PathNode
 
 REPORT_INTERVAL = 0.05
-"""s between two STA (4.4)."""
+"""s between two STA (protocol 4.4)."""
 MOST_ERRANDS = 1000
 """Places that may wait to be walked to."""
 MOST_POINTS = 20_000
@@ -96,7 +96,7 @@ class Walker(Role):
             avatars: all of them, to leave them at the end.
             nodes: the path nodes of the world.
             simulation: the world.
-            quiet_period: simulated s after spawning without reports (1.8).
+            quiet_period: simulated s after spawning without reports (protocol 1.8).
             log: names the connection and the avatar.
         """
         self.name, self.body = avatar.name, avatar.handle

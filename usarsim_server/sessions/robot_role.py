@@ -54,7 +54,7 @@ class RobotRoleOptions:
     """Simulated s after spawning without STA and SEN (protocol reference 1.8)."""
     beat: float = REPORT_GRID
     """Simulated s between the instants at which streams may begin (see `schedule.py`)."""
-    udk_sta_order: bool = False  # send the exact UDK order of STA in the udk dialect (5.2 no. 1).
+    udk_sta_order: bool = False  # STA in the exact UDK order, in udk (protocol 5.2 no. 1).
 
 
 class RobotRole(Role):

@@ -31,7 +31,8 @@ CLASS_NAME = "worldcontroller"
 
 
 def is_world_controller(class_name: str) -> bool:
-    """Whether INIT with this class, without its package, makes a world controller (3.2)."""
+    """Whether INIT with this class, without its package, makes a world controller
+    (protocol 3.2)."""
     return class_name.lower() == CLASS_NAME
 
 
@@ -255,13 +256,13 @@ def _boolean(request: Control, key: str) -> bool | None:
 
 
 def _scale(factors: Vector | None) -> Vector:
-    """0 and missing factors stand for 1 (3.14)."""
+    """0 and missing factors stand for 1 (protocol 3.14)."""
     x, y, z = (abs(factor) or 1.0 for factor in factors or (0.0, 0.0, 0.0))
     return x, y, z
 
 
 def _physics(text: str | None) -> Physics:
-    """Anything unknown is none (3.14)."""
+    """Anything unknown is none (protocol 3.14)."""
     wanted = (text or "").strip().lower()
     return next((one for one in Physics if one.value == wanted), Physics.NONE)
 

@@ -39,7 +39,7 @@ ANY = Band()
 class Result:
     """One measurement."""
 
-    test: str  # number in robots reference 3.3 (V4) or, for single items, section 5 (#59)
+    test: str  # V4 of robots 3.3, or #59 for robots 59
     robot: str  # class name, or what was tested instead
     quantity: str  # what was measured, with the conditions
     timestep: float | None  # s; None if the measurement is over several time steps

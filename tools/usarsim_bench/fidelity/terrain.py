@@ -1,6 +1,6 @@
 """Obstacles, tracks, robots side by side, and what is measured on them.
 
-Robots reference 3.3, V14 to V22; 5.3 #59 to #64. Lanes hold many robots in one simulation, each
+Robots reference 3.3, V14 to V22; robots 59 to 64. Lanes hold many robots in one simulation, each
 driven by itself below the protocol.
 """
 
@@ -271,7 +271,7 @@ COURSE = 4.0
 STAIRS_END = FIELD_START + worlds.STEPS * worlds.STEP_RUN
 """x of the edge of the landing, m."""
 LOAD = 5.0
-"""kg on the tip of a flipper (5.2 #46)."""
+"""kg on the tip of a flipper (robots 46)."""
 GRAVITY = 9.81
 
 

@@ -1,5 +1,5 @@
 """Connecting, the greeting, the shape of every line, hanging up (protocol reference 6.1), and how a
-server that speaks several dialects chooses one (6.11)."""
+server that speaks several dialects chooses one (protocol 6.11)."""
 
 from __future__ import annotations
 

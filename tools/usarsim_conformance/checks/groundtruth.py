@@ -26,7 +26,7 @@ async def _client(case: Case) -> LineClient:
 
 
 async def positions(case: Case, client: LineClient) -> dict[str, tuple[float, ...]]:
-    """Where everybody is, as the wireless program reads it (3.4)."""
+    """Where everybody is, as the wireless program reads it (side channels 3.4)."""
     line = await client.ask("GETPOS")
     kind, groups = split_reply(line)
     case.expect(kind == "POSITIONS" and groups, f"no answer to GETPOS: {line[:120]!r}")

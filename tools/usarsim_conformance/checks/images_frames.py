@@ -31,7 +31,7 @@ images = checks_of("images")
 Floats = NDArray[np.float64]
 
 _QUALITIES = {1: 100, 2: 75, 3: 50, 4: 25, 5: 10}
-"""Nominal JPEG quality by type byte (2.3)."""
+"""Nominal JPEG quality by type byte (side channels 2.3)."""
 _STANDARD_MEAN = 57.625
 """Mean of the luminance quantization table of quality 50 (ITU-T T.81, table K.1)."""
 

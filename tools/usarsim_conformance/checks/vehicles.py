@@ -1,5 +1,5 @@
 """Cars and submarines against ground truth: signs and radii of steering (protocol reference 3.4.2),
-propeller, rudder and stern planes (3.4.5)."""
+propeller, rudder and stern planes (protocol 3.4.5)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""World controllers (protocol reference 6.10) and people who walk (3.13, 4.4)."""
+"""World controllers (protocol reference 6.10) and people who walk (protocol 3.13, 4.4)."""
 
 from __future__ import annotations
 

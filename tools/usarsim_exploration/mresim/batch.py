@@ -1,4 +1,5 @@
-"""MRESim's batch file: JSON with runs on maps, each with a team and a strategy (reference 3.5)."""
+"""MRESim's batch file: JSON with runs on maps, each with a team and a strategy
+(exploration 3.5)."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ Cells = NDArray[np.int64]
 
 WIDE = 101
 """Cells with so much free space around in each direction are no part of a skeleton, so that halls
-have rings (reference 9)."""
+have rings (exploration 9)."""
 CLEARANCE = 3.0
 APART = 20.0
 SPACING = 40.0
@@ -99,7 +99,8 @@ def key_cells(
     clearance: float = CLEARANCE,
     apart: float = APART,
 ) -> Cells:
-    """Junctions, ends, and cells of the skeleton that are `spacing` from all before (reference 9).
+    """Junctions, ends, and cells of the skeleton that are `spacing` from all before
+    (exploration 9).
 
     Then those go that are nearer than `clearance` to a wall, or nearer than `apart` to one that
     comes before. Junctions come first, then ends, then others, each from the top left.

@@ -13,9 +13,9 @@ from usarsim_exploration.known_map import KnownMap
 from usarsim_exploration.radio.models import Radio
 
 UNKNOWN_PER_WALL = 14
-"""Unknown cells on a line that a robot takes for one more wall (reference 10.3)."""
+"""Unknown cells on a line that a robot takes for one more wall (exploration 10.3)."""
 DIRECTIONS = 128
-"""Of an outline (reference 14)."""
+"""Of an outline (exploration 14)."""
 _FARTHEST = 1e5
 """Cells; no map is as wide."""
 _ENDLESS = 10**9
@@ -25,7 +25,7 @@ Cells = NDArray[np.int64]
 
 
 class RadioEstimate:
-    """What a robot expects of its radio by its own map, rather less (reference 10.3)."""
+    """What a robot expects of its radio by its own map, rather less (exploration 10.3)."""
 
     def __init__(self, radio: Radio, known: KnownMap, reach: float, cell: float) -> None:
         """reach: range of the robot's radio, cells. cell: width of one, m."""

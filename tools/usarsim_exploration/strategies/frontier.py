@@ -1,4 +1,5 @@
-"""Frontier-based: spread over the frontiers, go home when there are none (reference 8 and 12.2)."""
+"""Frontier-based: spread over the frontiers, go home when there are none (exploration 8 and
+12.2)."""
 
 from __future__ import annotations
 

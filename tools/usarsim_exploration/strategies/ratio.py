@@ -18,9 +18,9 @@ from usarsim_exploration.strategy import BASE, Letter, View, register
 from usarsim_server.fields import field
 
 REFRESH = 8
-"""Steps after which the way to the base is measured again (reference 12.3)."""
+"""Steps after which the way to the base is measured again (exploration 12.3)."""
 HESITATION = 3.0
-"""Steps that a robot without news must be nearer to the base to take over (reference 12.3)."""
+"""Steps that a robot without news must be nearer to the base to take over (exploration 12.3)."""
 
 
 def carried(known: KnownMap) -> NDArray[np.int64]:

@@ -173,7 +173,7 @@ def _step(points: Array, way: Array, up: Array) -> Array:
     """From the front of a slab to its back.
 
     What may be stood on and is no rectangle is extruded downwards, so that it stays below its
-    neighbours (item 62).
+    neighbours (worlds 62).
     """
     depth = float(np.linalg.norm(way))
     return -up * depth if float(way @ up) < -WALL * depth and not _is_rectangle(points) else way

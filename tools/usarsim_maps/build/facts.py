@@ -151,7 +151,7 @@ def note_floor(probe: Probe, bounds: tuple[Array, Array], findings: Findings) ->
 def start_entries(
     scene: Scene, probe: Probe, bounds: tuple[Array, Array], findings: Findings
 ) -> tuple[list[Entry], list[StartCheck]]:
-    """`[[start]]` tables, and what the report says about them (item 71)."""
+    """`[[start]]` tables, and what the report says about them (worlds 71)."""
     book = NameBook()
     entries: list[Entry] = []
     checks: list[StartCheck] = []

@@ -115,7 +115,7 @@ def _halves(points: Array, axis: int, at: float) -> list[Array]:
 
 
 def chosen_lights(lights: Sequence[Light], findings: Findings) -> list[Light]:
-    """Those that shine: the brightest and widest ones if there are too many (item 76)."""
+    """Those that shine: the brightest and widest ones if there are too many (worlds 76)."""
     shining = [light for light in lights if light.kind is not LightKind.AMBIENT]
     if len(shining) > MAX_LAMPS:
         shining = _with_one_sun_each_way(shining, findings)

@@ -90,7 +90,7 @@ Pushed: TypeAlias = Convex | RoundPiece
 
 
 def piece_of_cell(cell: Cell) -> Convex:
-    """A box where six faces are three perpendicular pairs (item 24), else a hull."""
+    """A box where six faces are three perpendicular pairs (worlds 24), else a hull."""
     corners = np.array(cell.corners)
     if len(cell.faces) == 6 and len(corners) == 8:
         normals = np.array([face.plane[:3] for face in cell.faces])

@@ -109,7 +109,7 @@ def safe(name: str) -> str:
 
 
 class NameBook:
-    """Hands out names that differ, whatever their capitals (item 69)."""
+    """Hands out names that differ, whatever their capitals (worlds 69)."""
 
     def __init__(self, *reserved: str) -> None:
         self._taken = {name.lower() for name in reserved}

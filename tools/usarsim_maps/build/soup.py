@@ -39,7 +39,7 @@ class Soup:
     vertices: Array  # (n, 3), no two at one place
     triangles: Indices  # (m, 3)
     origin: NDArray[np.intp]  # (m,) index of every triangle in the mesh it came from
-    dropped: int  # triangles that were degenerate, double or not finite (item 60)
+    dropped: int  # triangles that were degenerate, double or not finite (worlds 60)
 
 
 def clean(vertices: Array, triangles: Indices) -> Soup:

@@ -1,4 +1,4 @@
-"""Reads FBX, text and binary, as Unreal, Blender, Maya and 3ds Max write it (reference 6).
+"""Reads FBX, text and binary, as Unreal, Blender, Maya and 3ds Max write it (worlds 6).
 
 The library is optional: `pip install usarsim-server[fbx]`. It runs in a process of its own, see
 `library/`. Custom properties count on nodes as in glTF: `tag`, `movable`, `mass`, `friction`.

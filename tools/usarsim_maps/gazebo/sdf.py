@@ -131,7 +131,7 @@ class SdfReader(Reader):
     support = TABLES
 
     def read(self, source: Path, context: Context) -> Scene:
-        """See `Reader.read`; an error names the line (item 73)."""
+        """See `Reader.read`; an error names the line (worlds 73)."""
         document = read_xml(source, limit=MAX_BYTES, findings=context.findings)
         if source.suffix.lower() == ".xacro":
             raise xacro_refusal(document, document.root)
@@ -283,7 +283,7 @@ class _World:
     # ---- the rest --------------------------------------------------------------------------
 
     def _builtin(self) -> None:
-        """Models that are never on disk (item 49), and what stands in for missing ones."""
+        """Models that are never on disk (worlds 49), and what stands in for missing ones."""
         for name, matrix in self._models.builtin:
             self._findings.count(name)
             if name == "sun":

@@ -370,7 +370,7 @@ class Shapes:
         return mesh
 
     def _scene(self, path: Path) -> Scene | None:
-        """A mesh file, as Gazebo reads it: its unit counts, its axes do not (reference 7).
+        """A mesh file, as Gazebo reads it: its unit counts, its axes do not (worlds 7).
 
         Those of FBX count, for most of its files have y up and hold what stands upright.
         """

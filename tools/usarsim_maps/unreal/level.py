@@ -253,11 +253,11 @@ class UnrealLevel:
             case ActorKind.START:
                 start = start_of(actor.name, actor.tag, actor.kind, actor.pose, actor.yaw)
                 self._starts.append(start)
-            case ActorKind.PATH_NODE if is_victim_tag(actor.tag):  # a person (item 26)
+            case ActorKind.PATH_NODE if is_victim_tag(actor.tag):  # a person (worlds 26)
                 self._victims.append(victim_of_tag(actor.tag, actor.pose, self._known_victims))
             case ActorKind.PATH_NODE:
                 self._nodes.append(path_node_of(actor.name, actor.tag, actor.kind, actor.pose))
-            case ActorKind.VICTIM:  # a `MaleVictim` or `FemaleVictim` (item 28)
+            case ActorKind.VICTIM:  # a `MaleVictim` or `FemaleVictim` (worlds 28)
                 figure = "female" if "female" in actor.kind.lower() else "male"
                 self._victims.append(map_victim(actor.name, actor.pose, figure, scale=actor.scale))
             case ActorKind.SMOKE:

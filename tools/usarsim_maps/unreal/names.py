@@ -110,19 +110,20 @@ def announced(name: str, tag: str, actor_class: str) -> str:
 
 
 def start_of(name: str, tag: str, actor_class: str, pose: Pose, yaw: float = 0.0) -> StartPose:
-    """A start pose by the naming rule (item 25); yaw in rotation units is told unwrapped (8)."""
+    """A start pose by the naming rule (worlds 25); yaw in rotation units is told unwrapped
+    (worlds 8)."""
     _, (_, _, wrapped) = wire_from_pose(pose)
     turns = round((yaw * ROTATION_UNIT - wrapped) / math.tau)
     return StartPose(announced(name, tag, actor_class), pose, max(-1000, min(1000, turns)))
 
 
 def path_node_of(name: str, tag: str, actor_class: str, pose: Pose) -> PathNode:
-    """A path node by the same rule (item 26)."""
+    """A path node by the same rule (worlds 26)."""
     return PathNode(announced(name, tag, actor_class), pose.position)
 
 
 def is_victim_tag(tag: str) -> bool:
-    """Whether a path node is a person (item 26)."""
+    """Whether a path node is a person (worlds 26)."""
     return tag.lower().startswith(PACKAGE)
 
 

@@ -55,7 +55,7 @@ class T3dReader(Reader):
         return text.startswith((b"begin map", b"begin level", b"begin staticmesh", b"begin actor"))
 
     def read(self, source: Path, context: Context) -> Scene:
-        """See `Reader.read`; an error names the line (item 73)."""
+        """See `Reader.read`; an error names the line (worlds 73)."""
         try:
             root = parse(
                 read_text(source, MAX_BYTES), lambda part: context.progress("reading", part)
@@ -131,7 +131,7 @@ class _Level(UnrealLevel):
     def _polygons(self, block: Block) -> tuple[list[Polygon], int]:
         """Polygons of an actor's inner PolyList in the world, and the flags that all of them have.
 
-        The list at actor level is empty; the real one is inside `Begin Brush` (item 15).
+        The list at actor level is empty; the real one is inside `Begin Brush` (worlds 15).
         """
         lists = [plist for brush in block.inner("brush") for plist in brush.inner("polylist")]
         if not any(plist.children for plist in lists):
@@ -151,7 +151,7 @@ class _Level(UnrealLevel):
         return polygons, common if polygons else 0
 
     def _matrix(self, block: Block) -> Array:
-        """(4, 4) from the actor's mirrored local frame in metres into the world (items 11, 12)."""
+        """(4, 4) from the actor's mirrored local frame in metres into the world (worlds 11, 12)."""
         return unreal_matrix(
             block.vector("location"),
             block.rotator("rotation"),

@@ -79,7 +79,7 @@ class UdkReader(Reader):
         return head[:4] in (TAG.to_bytes(4, "little"), TAG.to_bytes(4, "big"))
 
     def read(self, source: Path, context: Context) -> Scene:
-        """See `Reader.read`; an error names the byte (item 72)."""
+        """See `Reader.read`; an error names the byte (worlds 72)."""
         package = load_package(source)
         main = level_of(package)
         level = _Level(source, context, self.title)
@@ -256,7 +256,7 @@ class LevelReader:
 
     def _add_brush(self, export: Export, properties: Properties) -> None:
         operation = OPERATIONS.get(properties.text("csgoper").lower())
-        if operation is None:  # the builder brush, which is a tool (item 17)
+        if operation is None:  # the builder brush, which is a tool (worlds 17)
             return
         model = self._package.export(properties.reference("brush"))
         if model is None:

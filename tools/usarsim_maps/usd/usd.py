@@ -1,4 +1,4 @@
-"""Reads OpenUSD stages, as Unreal Engine 4 and 5, Omniverse and Blender export (reference 6).
+"""Reads OpenUSD stages, as Unreal Engine 4 and 5, Omniverse and Blender export (worlds 6).
 
 The library is optional: `pip install usarsim-server[usd]`.
 """
@@ -41,7 +41,7 @@ class UsdReader(Reader):
         return head.startswith((b"#usda", b"PXR-USDC"))
 
     def read(self, source: Path, context: Context) -> Scene:
-        """See `Reader.read`; syntax errors name the line (item 73)."""
+        """See `Reader.read`; syntax errors name the line (worlds 73)."""
         need("pxr.Usd", source, "USD files")
         from pxr import Tf, UsdGeom
 

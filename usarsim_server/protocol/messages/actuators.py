@@ -5,8 +5,8 @@ Links are given in model order and are numbered from 1 on the wire, in both dial
 GEO, CONF and STA of what neither rolls nor stands fixed (protocol reference 4.4, 4.7, 4.8).
 
 The UDK server told nothing but the name of flying and legged machines; a Type is always added,
-since clients need one and none is known to reject it (5.2 no. 17). Where the UT2004 form is only
-partly known, further members follow those that are.
+since clients need one and none is known to reject it (protocol 5.2 no. 17). Where the UT2004 form
+is only partly known, further members follow those that are.
 """
 
 from __future__ import annotations

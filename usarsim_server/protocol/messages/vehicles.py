@@ -50,7 +50,7 @@ def ground_status(status: GroundStatus, dialect: Dialect, udk_order: bool = Fals
     """STA of a ground robot.
 
     Both dialects use the order and the View of `ut2004`, which no client of either era rejects
-    (5.2 no. 1); only the digits of Time differ.
+    (protocol 5.2 no. 1); only the digits of Time differ.
 
     Args:
         status: the robot's state.
@@ -102,7 +102,7 @@ def _behind_time(
 def aerial_status(status: VehicleStatus, dialect: Dialect, udk_order: bool = False) -> str:
     """STA of a flying robot; arguments as in `ground_status`.
 
-    The UDK form carries a Type, which the original lacked (5.2 no. 17).
+    The UDK form carries a Type, which the original lacked (protocol 5.2 no. 17).
     """
     kind = segment("Type", "AerialVehicle")
     if udk_order and dialect is Dialect.UDK:

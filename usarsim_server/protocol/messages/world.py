@@ -1,7 +1,8 @@
 """Lines about world and game.
 
-NFO and DIE (protocol reference 4.2 and 4.12), the answer of a world controller to GetSTA (4.11),
-STA and BSTA of people who walk about (4.4 and 4.13), RES, which only `ut2004` has (4.10).
+NFO and DIE (protocol reference 4.2 and 4.12), the answer of a world controller to GetSTA
+(protocol 4.11), STA and BSTA of people who walk about (protocol 4.4 and 4.13), RES, which only
+`ut2004` has (protocol 4.10).
 """
 
 from __future__ import annotations
@@ -142,7 +143,8 @@ def object_status(objects: Sequence[ObjectStatus]) -> str:
     """STA of all objects that match; the bare head if there is none.
 
     Braces are balanced and sizes positive, which the original's were not; what splits at any
-    brace reads both (5.2 no. 24). An empty memory keeps its blank, so that it is a key, too.
+    brace reads both (protocol 5.2 no. 24). An empty memory keeps its blank, so that it is a key,
+    too.
     """
     body: list[str] = []
     for one in objects:
@@ -195,7 +197,7 @@ def avatar_bones(time: float, name: str, bones: Sequence[tuple[str, Vector]]) ->
     return line("BSTA", time_segment(time, _DIGITS), segment("Name", name), *body)
 
 
-# RDK reads the lower case spelling for these, MOAST the other for the rest (5.2 no. 19).
+# RDK reads the lower case spelling for these, MOAST the other for the rest (protocol 5.2 no. 19).
 _LOWER_CASE_STATUS = frozenset({"RFID", "RFIDReleaser"})
 
 

@@ -1,8 +1,9 @@
 """Vehicles without wheels.
 
 Platforms stay where they are put, such as the foot of an arm (protocol reference 3.4.7). Aircraft
-hold the velocity they are told (3.4.4, robots reference 1.5), submarines have propeller, rudder and
-stern planes (3.4.5), machines on legs are moved joint by joint (3.4.6, 3.4.7, 4.4).
+hold the velocity they are told (protocol 3.4.4, robots reference 1.5), submarines have propeller,
+rudder and stern planes (protocol 3.4.5), machines on legs are moved joint by joint (protocol 3.4.6,
+3.4.7, 4.4).
 """
 
 from __future__ import annotations
@@ -115,7 +116,7 @@ class FlightController(DriveController):
         return max(abs(self._linear), abs(self._lateral), abs(self._vertical))
 
     def steer(self, drive: Drive, dialect: Dialect) -> None:
-        # Here the flag holds for the command that carries it, in both eras (3.4).
+        # Here the flag holds for the command that carries it, in both eras (protocol 3.4).
         percent = bool(drive.normalized)
         limits = self._flight
         rate, full = drive.rotational_velocity, limits.max_rotational_velocity
@@ -252,7 +253,7 @@ def _sign(value: float) -> float:
 
 
 def _yaw_unit(value: float, dialect: Dialect) -> float:
-    """Angles of aircraft are in degrees in udk, in radians in ut2004 (5.2 no. 16)."""
+    """Angles of aircraft are in degrees in udk, in radians in ut2004 (protocol 5.2 no. 16)."""
     return math.degrees(value) if FACETS[dialect].flight_in_degrees else value
 
 

@@ -1,5 +1,5 @@
 """Cars, whose wheels are steered by axle (protocol reference 3.4.2, robots reference 1.4, 4.9), and
-robots whose wheels are driven and steered one by one (3.4.3, 3.4.6).
+robots whose wheels are driven and steered one by one (protocol 3.4.3, 3.4.6).
 
 A steered wheel sits on a link of an actuator with `package = false`; as in the original, joints
 whose name contains FrontSteer or RearSteer are the steering joints. By default every wheel stands

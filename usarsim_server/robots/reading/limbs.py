@@ -34,7 +34,8 @@ from usarsim_server.robots.reading.parts import read_shape
 from usarsim_server.tables import Table, suggest
 
 DEFAULT_SPEED = {Dialect.UT2004: 0.1745, Dialect.UDK: 1.571}
-"""rad/s: MotorSpeed of mission joints in UT2004 (robots reference 1.6), announced in UDK (1.9)."""
+"""rad/s: MotorSpeed of mission joints in UT2004 (robots reference 1.6), announced in UDK
+(robots 1.9)."""
 Parent = RobotDescription | None
 Limb = TypeVar("Limb", ActuatorDescription, EffectorDescription, CameraDescription)
 

@@ -45,7 +45,7 @@ SHAPE_SIZES = {"box": 3, "cylinder": 2, "sphere": 1, "ellipsoid": 3, "capsule": 
 """How many numbers each kind of shape has as its size."""
 
 REST_TOLERANCE = 0.01
-"""m between the rest height of a file and the height that follows from its wheels (5.1 #17)."""
+"""m between the rest height of a file and the height that follows from its wheels (robots 17)."""
 
 MOST_ITEMS = 256
 """Sensors of a robot; shipped ones have 31 at most."""
@@ -247,7 +247,7 @@ def read_report(
     parent: Parent,
     family: Family,
 ) -> RobotReport:
-    """What GEO and CONF announce; all geometry follows from the driven wheels (5.1 #19).
+    """What GEO and CONF announce; all geometry follows from the driven wheels (robots 19).
 
     Args:
         table: `[report]`.
@@ -336,7 +336,7 @@ def read_items(reader: Table, links: Sequence[str], parent: Parent) -> tuple[Ite
             items[twins[0]] = item
             continue
         if twins:
-            # AirRobot mounts two items called GPS; the original did not mind (5.1 #16).
+            # AirRobot mounts two items called GPS; the original did not mind (robots 16).
             _log.warning("a second item of this type and name", item=item.where)
         items.append(item)
     return tuple(items)

@@ -16,13 +16,14 @@ from usarsim_server.radio import models as server
 from usarsim_server.tables import Table
 
 CAUTION = 1.1
-"""A robot expects walls that attenuate so much more, and a range so much shorter (10.3)."""
+"""A robot expects walls that attenuate so much more, and a range so much shorter
+(exploration 10.3)."""
 
 
 @register("path-loss")
 @dataclass(frozen=True)
 class PathLoss(Radio):
-    """S = P - 10 N log10(d / d0) - min(k, C) A; linked at the cut-off or above (reference 10.3).
+    """S = P - 10 N log10(d / d0) - min(k, C) A; linked at the cut-off or above (exploration 10.3).
 
     Attributes:
         law: the server's model.

@@ -1,4 +1,4 @@
-"""Radios that end at a distance: a circle, and a circle that walls cut (reference 10.1, 10.2)."""
+"""Radios that end at a distance: a circle, and a circle that walls cut (exploration 10.1, 10.2)."""
 
 from __future__ import annotations
 

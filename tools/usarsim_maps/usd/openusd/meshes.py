@@ -116,7 +116,7 @@ class MeshReader:
     def _order(self, shape: Any, counts: Integers) -> tuple[Integers, Integers]:
         """Numbers of the faces to show, and places of their corners in the mesh's list.
 
-        Holes are left out; left-handed meshes are turned round (item 36).
+        Holes are left out; left-handed meshes are turned round (worlds 36).
         """
         visible = np.ones(len(counts), dtype=bool)
         holes = self.values.array(shape.GetHoleIndicesAttr())

@@ -20,7 +20,7 @@ APPROXIMATIONS = {
 
 
 def collision(prim: Any, values: StageValues) -> Collision:
-    """How a visible shape is solid; without any schema it is (item 37).
+    """How a visible shape is solid; without any schema it is (worlds 37).
 
     The schemas may be applied to the shape or to what it lies in.
     """
@@ -43,7 +43,7 @@ def is_collider(prim: Any) -> bool:
 
 
 def is_moved(prim: Any, values: StageValues) -> bool:
-    """Whether it is a rigid body that physics moves (item 29)."""
+    """Whether it is a rigid body that physics moves (worlds 29)."""
     if not prim.HasAPI(UsdPhysics.RigidBodyAPI):
         return False
     body = UsdPhysics.RigidBodyAPI(prim)

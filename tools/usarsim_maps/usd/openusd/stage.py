@@ -193,7 +193,7 @@ def _tell_file(name: str, problem: str, findings: Findings) -> None:
 
 
 def finest_variants(stage: Any, findings: Findings) -> None:
-    """Choose the finest level of detail wherever a stage offers some (item 34).
+    """Choose the finest level of detail wherever a stage offers some (worlds 34).
 
     That are variant sets `LOD...`, and the children of prims with the schema `LODRootAPI`.
     Instances that hold such sets inside become single prims, since what instances share cannot be

@@ -193,7 +193,7 @@ class StageReader(SceneBuilder):
         return answer
 
     def _instancer(self, prim: Any, place: _Instance) -> None:
-        """All copies of an instancer, each at its place (item 32)."""
+        """All copies of an instancer, each at its place (worlds 32)."""
         instancer = UsdGeom.PointInstancer(prim)
         if place.depth >= MAX_DEPTH:
             self.findings.warn(prim.GetName(), "instancers within instancers are too deep")
@@ -280,7 +280,7 @@ class StageReader(SceneBuilder):
             if found is None:
                 continue
             shape, local, material = found
-            # Only collision shapes are felt where there are some beside a shape (item 35).
+            # Only collision shapes are felt where there are some beside a shape (worlds 35).
             beside = f"{prim.GetParent().GetPath()}{thing.suffix}" in self._guided
             solid = Collision.NONE if beside and not guide else felt
             names = {0: material} if material else {}
@@ -319,7 +319,7 @@ class StageReader(SceneBuilder):
     # ---- names with a meaning --------------------------------------------------------------
 
     def _marker(self, prim: Any, place: _Instance) -> bool:
-        """Whether a prim is a start, a path node or a victim (item 38)."""
+        """Whether a prim is a start, a path node or a victim (worlds 38)."""
         kind = KINDS.get(self._values.text(prim, "usarsim:kind")) or _kind_by_name(prim)
         if not kind:
             return False
