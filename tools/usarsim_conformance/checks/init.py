@@ -254,6 +254,28 @@ async def start(case: Case) -> None:
     _judge_yaw(case, pose, place.rotation[2], f"INIT with Start {tag}")
 
 
+@control("init.start-yaw", "Start poses face where they are said to", "4.2; 6, no. 76 and 83")
+async def start_yaw(case: Case) -> None:
+    """A robot at a listed start pose that does not face along x has the listed yaw, in radians and
+    clockwise, within 0.025. Not applicable if all face along x."""
+    turned_ones = [
+        place
+        for place in (*case.survey.tilted, *case.run.places.all)
+        if abs(math.remainder(place.rotation[2], math.pi)) > _SHOWS
+    ]
+    if not turned_ones:
+        case.skip("all start poses face along x")
+    await case.place()  # so many robots at a time and no more
+    for place in turned_ones[:2]:
+        robot = await case.spawn(place=place)
+        _judge_yaw(case, await robot.pose(), place.rotation[2], f"INIT with Start {place.tag}")
+        robot.close()
+
+
+_SHOWS = 0.2
+"""rad from the x axis, ahead or back; a yaw that is mirrored is another one then."""
+
+
 @once("init.unknown-start", "An unknown Start spawns anyway", "6, no. 77", exclusive=True)
 async def unknown_start(case: Case) -> None:
     """INIT with an unknown Start still spawns the robot."""
