@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 
-from usarsim_server.logs import ROOT
+from usarsim_server.base.logs import ROOT
 from usarsim_server.testing.sharing import shared_parts
 
 PATIENT = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])

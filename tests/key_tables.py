@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from usarsim_exploration import measures as exploration
-from usarsim_server.fields import Key, keys, markdown
+from usarsim_server.base.fields import Key, keys, markdown
 from usarsim_server.sensors.base import TYPES, Sensor, sensor_types
 from usarsim_study import measures
 

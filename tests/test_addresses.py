@@ -13,7 +13,7 @@ from usarsim_exploration.levels.opening import _place
 from usarsim_operator.command import _address as console_address
 from usarsim_operator.watch import _address as watch_address
 from usarsim_record.recording import Link
-from usarsim_server.addresses import bare_host, format_address, split_address
+from usarsim_server.base.addresses import bare_host, format_address, split_address
 from usarsim_server.cli import build_parser
 from usarsim_server.options import load_settings
 from usarsim_server.services.listener import Endpoint

@@ -10,8 +10,8 @@ import mujoco
 import pytest
 
 from usarsim_server import app
-from usarsim_server.errors import UsarsimError, WorldError
-from usarsim_server.files import data_directory
+from usarsim_server.base.errors import UsarsimError, WorldError
+from usarsim_server.base.files import data_directory
 from usarsim_server.sessions.session import Session
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.engine import Engine

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server import csv_files
-from usarsim_server.csv_files import csv_text, parse_csv, read_csv
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base import csv_files
+from usarsim_server.base.csv_files import csv_text, parse_csv, read_csv
+from usarsim_server.base.errors import UsarsimError
 
 SAVED = {
     "ours": b'name,length,note\nred,0.5,"a;b"\nblue,-12,\n',

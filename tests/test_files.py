@@ -10,10 +10,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from usarsim_server.errors import MapImportError, SettingsError, UsarsimError, WorldError
-from usarsim_server.files import Folders, is_regular, open_regular, read_regular
+from usarsim_server.base.errors import MapImportError, SettingsError, UsarsimError, WorldError
+from usarsim_server.base.files import Folders, is_regular, open_regular, read_regular
+from usarsim_server.base.toml import MAX_DEPTH, read_toml
 from usarsim_server.options import load_settings
-from usarsim_server.toml import MAX_DEPTH, read_toml
 
 PIECES = st.sampled_from(
     [

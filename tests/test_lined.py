@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.errors import WorldError
-from usarsim_server.lined import key_lines, open_toml
-from usarsim_server.tables import Table
+from usarsim_server.base.errors import WorldError
+from usarsim_server.base.lined import key_lines, open_toml
+from usarsim_server.base.tables import Table
 
 TEXT = '''# c = 3
 a = 1

@@ -15,9 +15,9 @@ from usarsim_exploration.run_folder import load_run
 from usarsim_mission.errors import RunLogError
 from usarsim_mission.match.archive import write_archive
 from usarsim_mission.runlog import RunFolder
+from usarsim_server.base.errors import UsarsimError, WorldError
+from usarsim_server.base.files import check_links, data_directory
 from usarsim_server.cli import main
-from usarsim_server.errors import UsarsimError, WorldError
-from usarsim_server.files import check_links, data_directory
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
 from usarsim_study.synthetic import Plan, make_study

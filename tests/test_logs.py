@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.logs import BURST, ROOT, LineFormatter, Log, Moderation, configure
+from usarsim_server.base.logs import BURST, ROOT, LineFormatter, Log, Moderation, configure
 
 
 @pytest.fixture

@@ -9,13 +9,13 @@ import sys
 import pytest
 
 import usarsim_server.sensors as package
-from usarsim_server import plugins
-from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.plugins import PluginTypes
+from usarsim_server.base import plugins
+from usarsim_server.base.errors import RobotDescriptionError
+from usarsim_server.base.plugins import PluginTypes
 
 STARVED = """
 import os, resource
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.sensors.base import TYPES as types
 resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64))
 held = []

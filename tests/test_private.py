@@ -13,11 +13,11 @@ import usarsim_server
 from usarsim_operator.recording import Writer
 from usarsim_operator.tokens import kept_tokens
 from usarsim_record import record_command
+from usarsim_server.base.errors import SettingsError, UsarsimError
+from usarsim_server.base.files import write_text
+from usarsim_server.base.private import secret
 from usarsim_server.cli import main
-from usarsim_server.errors import SettingsError, UsarsimError
-from usarsim_server.files import write_text
 from usarsim_server.options import load_settings
-from usarsim_server.private import secret
 from usarsim_study.folder import append_form
 
 TOKEN = "0123456789abcdef"

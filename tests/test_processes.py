@@ -10,11 +10,11 @@ import threading
 
 import pytest
 
-from usarsim_server import processes
+from usarsim_server.base import processes
 
 PROGRAM = """
 import sys, threading, time
-from usarsim_server import processes
+from usarsim_server.base import processes
 
 def raised_inside():
     try:

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from usarsim_server.base.errors import SettingsError
 from usarsim_server.cli import build_parser
 from usarsim_server.cli.serve import settings_from
-from usarsim_server.errors import SettingsError
 from usarsim_server.options import OPTIONS, load_settings
 from usarsim_server.protocol.dialects import DialectMode
 from usarsim_server.protocol.images import NORMAL, ImageType

@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from test_settings import flag, served, written
 
-from usarsim_server.errors import SettingsError
+from usarsim_server.base.errors import SettingsError
 from usarsim_server.options import OPTIONS, load_settings
 from usarsim_server.settings import Settings
 

@@ -10,9 +10,9 @@ from typing import Any, Literal
 import pytest
 from key_tables import PAGES, rewritten
 
-from usarsim_server.errors import WorldError
-from usarsim_server.fields import field, keys
-from usarsim_server.tables import Table, Vector, nearest, suggest
+from usarsim_server.base.errors import WorldError
+from usarsim_server.base.fields import field, keys
+from usarsim_server.base.tables import Table, Vector, nearest, suggest
 
 
 class Shape(Enum):

@@ -21,11 +21,11 @@ from usarsim_operator.roles import Role
 from usarsim_operator.tokens import kept_tokens
 from usarsim_record.recording import RecordError
 from usarsim_record.recording import read as read_recording
-from usarsim_server.errors import UsarsimError
-from usarsim_server.files import data_directory
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.files import data_directory
+from usarsim_server.base.private import secret
+from usarsim_server.base.toml import read_toml
 from usarsim_server.options import load_settings
-from usarsim_server.private import secret
-from usarsim_server.toml import read_toml
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
 from usarsim_study.assignment import read_allocation

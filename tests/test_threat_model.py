@@ -15,7 +15,7 @@ import pytest
 
 from usarsim_bench.hostile.attackers import ATTACKS
 from usarsim_operator.gate import LOG_RATE, GateLimits
-from usarsim_server import logs
+from usarsim_server.base import logs
 from usarsim_server.cameras.view import Grid
 from usarsim_server.cli.serve import add_parser
 from usarsim_server.services.comserver import ComServerLimits

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from usarsim_server import processes, streams
+from usarsim_server.base import processes, streams
 
 _UNTIL_INTERRUPTED = (["serve"], ["record"], ["console"], ["demo"])
 """Commands that run until a signal comes, which is no failure then."""

@@ -14,6 +14,9 @@ from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
 from pathlib import Path
 
+from usarsim_server.base.errors import UsarsimError, WorldError, at
+from usarsim_server.base.files import data_directory, is_regular
+from usarsim_server.base.logs import Log
 from usarsim_server.cameras.backend import Quality
 from usarsim_server.cameras.board import CameraBoard
 from usarsim_server.cameras.painter import PainterOptions
@@ -21,9 +24,6 @@ from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.render_loop import RenderLoop, RenderOptions
 from usarsim_server.cameras.spectators import find_viewpoint, named_viewpoints
 from usarsim_server.cameras.view import Grid
-from usarsim_server.errors import UsarsimError, WorldError, at
-from usarsim_server.files import data_directory, is_regular
-from usarsim_server.logs import Log
 from usarsim_server.ports import services_of
 from usarsim_server.protocol.values import name_key
 from usarsim_server.robots.catalog import load_catalog

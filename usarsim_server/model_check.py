@@ -17,9 +17,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from usarsim_server.errors import UsarsimError, at
-from usarsim_server.files import Folders, is_regular, named, open_regular, read_regular, reason
-from usarsim_server.toml import decoded
+from usarsim_server.base.errors import UsarsimError, at
+from usarsim_server.base.files import Folders, is_regular, named, open_regular, read_regular, reason
+from usarsim_server.base.toml import decoded
 
 MAX_TEXT = 64 << 20
 """Bytes of one XML file; the scene of the largest imported map has 3 MB."""

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from usarsim_server.errors import SettingsError, UsarsimError, at
-from usarsim_server.fields import Key, keys
-from usarsim_server.files import read_regular, reason
+from usarsim_server.base.errors import SettingsError, UsarsimError, at
+from usarsim_server.base.fields import Key, keys
+from usarsim_server.base.files import read_regular, reason
+from usarsim_server.base.tables import Table
+from usarsim_server.base.toml import decoded, parse_toml
 from usarsim_server.settings import Settings
-from usarsim_server.tables import Table
-from usarsim_server.toml import decoded, parse_toml
 
 LONGEST_SIDE = 8192
 """Pixels of the full camera picture that can still be rendered everywhere."""

@@ -9,9 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from usarsim_server.base.logs import Log
 from usarsim_server.cameras.encoding import Encoder
 from usarsim_server.cameras.feed import SceneFeed
-from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
 from usarsim_server.radio.configuration import RadioOptions, read_radio, read_radio_file
 from usarsim_server.radio.event_log import EventLog

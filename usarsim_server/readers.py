@@ -8,12 +8,12 @@ import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from usarsim_server.addresses import bare_host
-from usarsim_server.errors import UsarsimError, problem_and_advice
-from usarsim_server.files import is_folder, is_regular, named
-from usarsim_server.private import read_secret
+from usarsim_server.base.addresses import bare_host
+from usarsim_server.base.errors import UsarsimError, problem_and_advice
+from usarsim_server.base.files import is_folder, is_regular, named
+from usarsim_server.base.private import read_secret
+from usarsim_server.base.tables import Table
 from usarsim_server.protocol.images import IMAGE_TYPES, ImageType
-from usarsim_server.tables import Table
 
 
 def host(table: Table, key: str) -> str:

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from usarsim_server import readers
-from usarsim_server.fields import field
-from usarsim_server.logs import LEVELS
+from usarsim_server.base.fields import field
+from usarsim_server.base.logs import LEVELS
 from usarsim_server.protocol.dialects import DialectMode
 from usarsim_server.protocol.images import IMAGE_TYPES, NORMAL, ImageType
 from usarsim_server.world_cost import MAX_MEMORY, MAX_PIECES, MOST

@@ -14,8 +14,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from usarsim_server.errors import UsarsimError, at
-from usarsim_server.files import named, read_regular
+from usarsim_server.base.errors import UsarsimError, at
+from usarsim_server.base.files import named, read_regular
 
 MIB = 1 << 20
 

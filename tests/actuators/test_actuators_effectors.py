@@ -15,7 +15,6 @@ from actuator_fakes import CUP, HAND, SPARE, Machine, effector, robot
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server import plugins
 from usarsim_server.actuators import effectors as registry
 from usarsim_server.actuators.articulation import Articulation
 from usarsim_server.actuators.effectors import (
@@ -28,7 +27,8 @@ from usarsim_server.actuators.effectors import (
     effector_types,
     register_effector,
 )
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base import plugins
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.protocol.messages import configuration, effector_geometry
 from usarsim_server.protocol.values import Item
 from usarsim_server.robots.description import EffectorDescription, RobotDescription

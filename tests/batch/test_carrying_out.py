@@ -23,7 +23,7 @@ from usarsim_batch.engines import Engine, Here, Local
 from usarsim_batch.errors import BatchError
 from usarsim_batch.folder import Folder
 from usarsim_batch.worker import Limits
-from usarsim_server.files import held
+from usarsim_server.base.files import held
 
 COORDINATOR = """\
 import sys

@@ -15,7 +15,7 @@ from usarsim_batch.sweep.dry import estimate
 from usarsim_batch.sweep.plan import SweepTask, read_plan
 from usarsim_batch.tasks import Played
 from usarsim_server import cli
-from usarsim_server.toml import toml_text
+from usarsim_server.base.toml import toml_text
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "sweep"
 DRIVER = (EXAMPLE / "drive.py").read_text(encoding="utf-8")

@@ -15,8 +15,8 @@ from usarsim_bench.delivery import Frames, delivery_figures, measure_frames, rat
 from usarsim_bench.figures import Plan
 from usarsim_bench.rendering import BareRenderer, Costs, Watched, measure_rendering
 from usarsim_bench.robot_files import SURVEYOR, SURVEYOR_CAMERAS, write_scouts
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cameras.painter import Painter, PainterOptions
-from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.frames import Pose
 
 COSTS = Costs("egl", 4, 6.0, 6.5, 8.0, 14.0, 25.0, 0.5, 6.0, 15.0, 0.92)

@@ -10,11 +10,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.cameras.render_loop import RenderLoop, RenderOptions
 from usarsim_server.cameras.view import CameraView, Eye, Frame, Grid, Region, Watch
 from usarsim_server.cameras.watching import EMPTY
-from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.simulation.model import CompiledWorld, RobotModel
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions

@@ -10,10 +10,10 @@ import sys
 import pytest
 from camera_fakes import Yard, is_red
 
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cameras import backend as probe
 from usarsim_server.cameras.painter import Painter, PainterOptions, check_renderer
 from usarsim_server.cameras.view import View, looking
-from usarsim_server.errors import UsarsimError
 
 
 @pytest.fixture

@@ -19,6 +19,7 @@ from camera_fakes import (
     until,
 )
 
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cameras import painter as painting
 from usarsim_server.cameras import render_loop as render_loops
 from usarsim_server.cameras.backend import Wanted
@@ -26,7 +27,6 @@ from usarsim_server.cameras.painter import Painter
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.raytraced import RayBackend
 from usarsim_server.cameras.view import Eye, View, looking
-from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.testing import PATIENCE, eventually
 

@@ -12,10 +12,10 @@ from camera_fakes import Yard
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.spectators import FOV, Viewpoint, find_viewpoint, named_viewpoints
 from usarsim_server.cameras.view import Eye, View, looking
-from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 from usarsim_server.worlds.description import StartPose, WorldDescription

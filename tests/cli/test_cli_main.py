@@ -14,8 +14,8 @@ import pytest
 
 import usarsim_server
 from usarsim_server import cli
+from usarsim_server.base.errors import WorldError
 from usarsim_server.cli import build_parser, main
-from usarsim_server.errors import WorldError
 from usarsim_server.options import OPTIONS
 from usarsim_server.settings import Settings
 
@@ -34,7 +34,7 @@ def app(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     module.act = lambda: 0
     monkeypatch.setitem(sys.modules, "usarsim_server.app", module)
     monkeypatch.setattr(usarsim_server, "app", module, raising=False)
-    monkeypatch.setattr("usarsim_server.logs.configure", lambda level: None)
+    monkeypatch.setattr("usarsim_server.base.logs.configure", lambda level: None)
     return module
 
 
@@ -172,7 +172,7 @@ def test_serve_runs_the_server_with_its_settings(app: ModuleType) -> None:
 def test_serve_sets_the_log_level_first(app: ModuleType, monkeypatch) -> None:
     """The level is in force before the world is loaded."""
     levels = []
-    monkeypatch.setattr("usarsim_server.logs.configure", levels.append)
+    monkeypatch.setattr("usarsim_server.base.logs.configure", levels.append)
     app.act = lambda: len(levels)
     assert main(["serve", "--port", "0", "--log-level", "debug"]) == 1
     assert levels == ["debug"]

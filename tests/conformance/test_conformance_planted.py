@@ -62,7 +62,7 @@ def test_copies_are_links_but_for_the_edit(tmp_path: Path) -> None:
     assert "life = 600" in (tmp_path / "robots/P2AT.toml").read_text()
     assert (tmp_path / "robots/P3AT.toml").is_symlink()
     assert (tmp_path / "usarsim_server/sensors").is_symlink()
-    assert not (tmp_path / "usarsim_server/files.py").is_symlink()
+    assert not (tmp_path / "usarsim_server/base/files.py").is_symlink()
 
 
 def test_a_sample_is_noticed() -> None:

@@ -20,8 +20,8 @@ from usarsim_doctor.checks.machine import (
 )
 from usarsim_doctor.checks.machine import look_at_ports as look
 from usarsim_doctor.registry import Context, Finding, Mark
-from usarsim_server import processes
-from usarsim_server.processes import Process
+from usarsim_server.base import processes
+from usarsim_server.base.processes import Process
 from usarsim_server.settings import Settings
 
 HERE = Context(Settings(), (("--world", "office"),))

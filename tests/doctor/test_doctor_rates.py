@@ -22,7 +22,7 @@ from usarsim_doctor.checks.server import (
 )
 from usarsim_doctor.isolation import Outcome
 from usarsim_doctor.registry import Context, Mark
-from usarsim_server.errors import SettingsError
+from usarsim_server.base.errors import SettingsError
 from usarsim_server.options import load_settings
 from usarsim_server.settings import Settings
 from usarsim_server.simulation import native

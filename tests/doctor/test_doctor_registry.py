@@ -31,7 +31,7 @@ from usarsim_doctor.registry import (
     examine,
     verdict,
 )
-from usarsim_server.errors import UsarsimError, at, problem_and_advice
+from usarsim_server.base.errors import UsarsimError, at, problem_and_advice
 from usarsim_server.settings import Settings
 
 HERE = Context(Settings())

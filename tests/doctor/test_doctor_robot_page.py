@@ -10,8 +10,8 @@ from PIL import Image
 
 from usarsim_doctor import robot_page
 from usarsim_doctor.robot_page import head_comment, write
+from usarsim_server.base.files import data_directory
 from usarsim_server.cli import main
-from usarsim_server.files import data_directory
 from usarsim_server.robots.catalog import Library
 
 DOCS = Path(__file__).parents[2] / "docs"

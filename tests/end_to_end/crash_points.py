@@ -32,7 +32,7 @@ def run_import(folder: Path) -> int:
 
 def run_report(folder: Path) -> int:
     """Replace a report."""
-    from usarsim_server.files import write_text
+    from usarsim_server.base.files import write_text
 
     write_text(folder / "report.json", "new " * 1000)
     return 0

@@ -28,7 +28,7 @@ from PIL import Image
 from side_clients import WirelessModel, split_reply
 
 from usarsim_client import BlockingConnection, rectangle
-from usarsim_server.logs import ROOT
+from usarsim_server.base.logs import ROOT
 from usarsim_server.options import load_settings
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.sessions.robots import Vehicle

@@ -15,7 +15,7 @@ import pytest
 from side_clients import MetricTool, RoboCupScore, TruthConsole, WirelessModel, split_reply
 from signalled import finished
 
-from usarsim_server.errors import SettingsError
+from usarsim_server.base.errors import SettingsError
 from usarsim_server.options import load_settings
 from usarsim_server.testing import (
     ScriptedClient,

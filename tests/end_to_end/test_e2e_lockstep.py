@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 import pytest
 from lanes import slow_but
 
-from usarsim_server.files import data_directory
+from usarsim_server.base.files import data_directory
 from usarsim_server.testing import ScriptedClient, ServerProcess, eventually
 
 TICK = "NFO {Status Tick}"

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from usarsim_client import HangupError
 from usarsim_client.scene import LiveScene, Poses, Present, SceneReader, Thing, connect_scene
-from usarsim_server.errors import SettingsError
+from usarsim_server.base.errors import SettingsError
 from usarsim_server.options import load_settings
 from usarsim_server.protocol.dialects import DialectMode
 from usarsim_server.services.scene_port import ScenePort

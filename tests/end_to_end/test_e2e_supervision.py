@@ -13,7 +13,7 @@ import pytest
 
 from usarsim_client.scene import LiveScene, connect_scene
 from usarsim_server.app import Assembly
-from usarsim_server.errors import SettingsError
+from usarsim_server.base.errors import SettingsError
 from usarsim_server.options import load_settings
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.sessions.tap import Row

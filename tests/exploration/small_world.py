@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from usarsim_exploration.scenario import Scenario, load
-from usarsim_server.toml import toml_text
+from usarsim_server.base.toml import toml_text
 
 ROOMS = """\
 ##############################

@@ -16,7 +16,7 @@ from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.worlds import DRAWS, Draw, draw_places, find
 from usarsim_exploration.worlds.world import clearance
 from usarsim_server import cli
-from usarsim_server.toml import toml_text
+from usarsim_server.base.toml import toml_text
 
 FAILING = """\
 import os

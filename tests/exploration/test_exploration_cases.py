@@ -11,7 +11,7 @@ from usarsim_exploration import run_folder
 from usarsim_exploration.history import History
 from usarsim_exploration.running import run
 from usarsim_exploration.scenario import load, read
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 
 CASES = Path(__file__).parent / "cases"
 

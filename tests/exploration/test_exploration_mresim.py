@@ -15,7 +15,7 @@ from usarsim_exploration.mresim.settings import Settings, read_settings
 from usarsim_exploration.mresim.team import read_team
 from usarsim_exploration.scenario import load
 from usarsim_server import cli
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 
 TEAM = """\
 1 ComStation 388 298 0 0 60 1000 BaseStation 1 0

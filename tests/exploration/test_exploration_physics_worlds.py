@@ -16,7 +16,7 @@ from usarsim_exploration.worlds import find
 from usarsim_exploration.worlds.generators import KINDS, Shape, draw
 from usarsim_exploration.worlds.physics import write_world
 from usarsim_exploration.worlds.world import clearance
-from usarsim_server.errors import UsarsimError, WorldError
+from usarsim_server.base.errors import UsarsimError, WorldError
 
 
 def usarsim_explore(*words: str) -> int:

@@ -22,10 +22,10 @@ from usarsim_exploration.radio import (
     radio_names,
 )
 from usarsim_exploration.radio.families.recorded import HEADER, Recorded, read_links
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.tables import Table
 from usarsim_server.radio.configuration import read_radio
 from usarsim_server.radio.models import PRESETS
-from usarsim_server.tables import Table
 
 MRESIM = PathLoss()
 

@@ -13,7 +13,7 @@ from usarsim_exploration.radio import Circle
 from usarsim_exploration.replaying import log_of, read_mresim_log, replay
 from usarsim_exploration.running import run
 from usarsim_server import cli
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 
 
 def test_a_run_out_of_its_log(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from usarsim_exploration.reporting.comparison import GOALS, Comparison, compare
 from usarsim_exploration.reporting.runs import read
 from usarsim_exploration.reporting.tables import runs_csv
 from usarsim_server import cli
-from usarsim_server.toml import toml_text
+from usarsim_server.base.toml import toml_text
 
 FILES = ("report.html", "report.md", "table.csv", "runs.csv", "table.tex")
 NAMES = ("frontier", "ratio", "$_<&")

@@ -15,8 +15,8 @@ from usarsim_exploration.rendezvous import Meeting, candidates, ranked, sampled,
 from usarsim_exploration.strategies.role_based import TRANSITIONS, RoleBased, State
 from usarsim_exploration.strategy import View, create_strategy
 from usarsim_exploration.switching import choose_pair
-from usarsim_server.errors import UsarsimError
-from usarsim_server.tables import Table
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.tables import Table
 
 ROLES = ["role-based-single-point", "role-based-multi-point"]
 

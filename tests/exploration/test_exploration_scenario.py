@@ -12,12 +12,12 @@ from usarsim_exploration.run_folder import portable
 from usarsim_exploration.scenario import merge, read
 from usarsim_exploration.strategy_file import split
 from usarsim_server import cli
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 
 MINE = """
 from dataclasses import dataclass
 from usarsim_exploration.strategy import Plan, Strategy, View
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 @dataclass
 class Still(Strategy):

@@ -16,8 +16,8 @@ from usarsim_exploration.strategies.market import sell
 from usarsim_exploration.strategies.schedule import Schedule
 from usarsim_exploration.strategies.voronoi import lateness
 from usarsim_exploration.strategy import create_strategy
-from usarsim_server.errors import UsarsimError
-from usarsim_server.tables import Table
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.tables import Table
 
 SEEKERS = ["market", "voronoi", "next-best-view", "schedule"]
 

@@ -22,7 +22,7 @@ from usarsim_exploration.showing.picture import draw, overlays_of
 from usarsim_exploration.showing.scene import Scene, Selection, layers_of, scene_of
 from usarsim_exploration.showing.tape import Tape, tape_of
 from usarsim_server import cli
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 
 SCALE, STRIP = 16, 18
 """Of a picture of the small world, pixels."""

@@ -14,8 +14,8 @@ from usarsim_exploration.worlds import STARTS, draw_places, find, names
 from usarsim_exploration.worlds.pictures import Rules, load_map, save_map
 from usarsim_maps.grids.occupancy import load_grid
 from usarsim_maps.reader import Context
+from usarsim_server.base.errors import WorldError
 from usarsim_server.cli import main
-from usarsim_server.errors import WorldError
 
 COMPAT = Rules(compat=True)
 

@@ -15,7 +15,7 @@ from usarsim_bench.fidelity.results import ANY, Band, Result, as_json, as_markdo
 from usarsim_bench.fidelity.stage import StageError
 from usarsim_bench.fidelity.table import TRIALS, Quantity, Trial
 from usarsim_bench.fidelity.workshop import Workshop
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 
 
 def result(

@@ -19,8 +19,8 @@ from usarsim_film import command
 from usarsim_film.writing import write_film
 from usarsim_operator import packets
 from usarsim_operator.recording import Recording, RecordingError, Text, Writer
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cli import build_parser
-from usarsim_server.errors import UsarsimError
 
 GREY, RED, BLUE, GREEN = (0.3, 0.3, 0.3), (0.9, 0.0, 0.0), (0.0, 0.0, 0.9), (0.0, 0.9, 0.0)
 SIZE = (160, 120)

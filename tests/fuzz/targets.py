@@ -34,7 +34,7 @@ from usarsim_maps.reader import Context, ImportOptions, find_reader  # noqa: E40
 from usarsim_maps.reader import read_scene as read_map  # noqa: E402
 from usarsim_maps.sidecar import load_sidecar  # noqa: E402
 from usarsim_record.recording import RecordError, read  # noqa: E402
-from usarsim_server.errors import MapImportError, UsarsimError, WorldError  # noqa: E402
+from usarsim_server.base.errors import MapImportError, UsarsimError, WorldError  # noqa: E402
 from usarsim_server.options import load_settings  # noqa: E402
 from usarsim_server.protocol import comserver, images, truth, wireless  # noqa: E402
 from usarsim_server.protocol import truth as ground_truth  # noqa: E402

@@ -14,7 +14,7 @@ from pettingzoo.utils.conversions import parallel_to_aec
 
 from usarsim_exploration.known_map import KNOWN
 from usarsim_gym import ExploreGrid, ExplorePhysics, ExploreTeam
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 
 IDS = ("usarsim/ExploreGrid-v0", "usarsim/ExploreFrontiers-v0")
 ROOMS = {
@@ -229,6 +229,6 @@ def test_without_the_extra(missing: str, tmp_path: Path) -> None:
     assert done.returncode == 1
     last = done.stderr.strip().splitlines()[-1]
     assert last == (
-        "usarsim_server.extras.MissingLibraryError: "
+        "usarsim_server.base.extras.MissingLibraryError: "
         f'usarsim_gym: {missing} is not installed (pip install "usarsim-server[gym]")'
     )

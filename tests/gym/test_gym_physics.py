@@ -19,7 +19,7 @@ from gymnasium.utils.env_checker import check_env
 
 from usarsim_exploration.known_map import FREE, WALL
 from usarsim_gym import ExploreGrid, ExplorePhysics
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 
 ROOM = """\
 14

@@ -9,7 +9,7 @@ from pettingzoo.utils.conversions import parallel_to_aec
 
 from usarsim_exploration.known_map import WALL
 from usarsim_gym import ExplorePhysicsTeam
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 
 ROWS, COLUMNS = 30, 40
 

@@ -19,7 +19,7 @@ from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.polygons import merge_meshes
 from usarsim_maps.reader import Context, ImportOptions, read_scene
 from usarsim_maps.scene import Mesh, Scene
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from built_worlds import build_world
 
 from usarsim_maps import api
 from usarsim_maps.reader import TYPES, readers
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 
 
 def test_the_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,8 +14,8 @@ from mesh_samples import threemf
 
 from usarsim_maps import archives
 from usarsim_maps.archives import open_archive, read_archive
+from usarsim_server.base.errors import MapImportError
 from usarsim_server.cli import main
-from usarsim_server.errors import MapImportError
 
 HEAD = '<model xmlns="m"><resources><object id="1"><mesh><triangles>'
 TAIL = "</triangles></mesh></object></resources></model>"

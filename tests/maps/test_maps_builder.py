@@ -39,7 +39,7 @@ from usarsim_maps.scene import (
     Sphere,
     map_victim,
 )
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.worlds.description import PathNode, Smoke, SmokePuff, SmokeVolume, StartPose
 from usarsim_server.worlds.victims import PELVIS_HEIGHT

@@ -50,7 +50,7 @@ from numpy.typing import NDArray
 
 from usarsim_maps.convert import Request, import_map
 from usarsim_maps.reader import ImportOptions
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 from usarsim_server.simulation.rays.triangles import triangles
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene

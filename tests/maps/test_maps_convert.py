@@ -17,8 +17,8 @@ from usarsim_maps.cache import DOOR
 from usarsim_maps.convert import Imported, Request, import_map
 from usarsim_maps.files import AssetIndex
 from usarsim_maps.reader import ImportOptions, find_reader, readers
+from usarsim_server.base.errors import MapImportError
 from usarsim_server.cli import main
-from usarsim_server.errors import MapImportError
 from usarsim_server.testing import Rehearsal
 from usarsim_server.worlds.loader import load_world
 

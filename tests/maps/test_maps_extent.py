@@ -23,7 +23,7 @@ from usarsim_maps.scene import (
     SceneObject,
     Sphere,
 )
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.worlds.description import StartPose
 

@@ -26,7 +26,7 @@ from usarsim_maps.fbx.library.text import check_text, plain_text
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import find_reader
 from usarsim_maps.scene import Array, Collision, LightKind, Mesh, Opacity, Scene
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 
 Bounds = dict[str, tuple[list[float], list[float]]]
 

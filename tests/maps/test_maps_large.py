@@ -12,7 +12,7 @@ import pytest
 
 from usarsim_maps.convert import Request, import_map
 from usarsim_maps.reader import ImportOptions
-from usarsim_server.errors import MapImportError, WorldError
+from usarsim_server.base.errors import MapImportError, WorldError
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 from usarsim_server.world_cost import WorldCost, WorldLimits, cost_of, most_pieces, owners_in
 from usarsim_server.worlds import solids

@@ -39,8 +39,8 @@ from usarsim_maps.convert import Request, import_map
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import Context, ImportOptions, read_scene
 from usarsim_maps.scene import Mesh, Scene
+from usarsim_server.base.errors import MapImportError
 from usarsim_server.cli import main
-from usarsim_server.errors import MapImportError
 from usarsim_server.testing import Rehearsal
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene

@@ -24,8 +24,8 @@ from usarsim_maps.findings import Findings
 from usarsim_maps.gazebo.files import GazeboFiles
 from usarsim_maps.meshes.mesh_files import Pictures
 from usarsim_maps.reader import Context, ImportOptions
-from usarsim_server.errors import MapImportError
-from usarsim_server.files import Folders
+from usarsim_server.base.errors import MapImportError
+from usarsim_server.base.files import Folders
 
 SECRET = (123, 45, 67)
 OBJ = "mtllib m.mtl\nv 0 0 0\nv 3 0 0\nv 0 3 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n"

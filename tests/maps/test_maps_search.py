@@ -16,8 +16,8 @@ from usarsim_maps.files import AssetIndex
 from usarsim_maps.findings import Findings
 from usarsim_maps.gazebo.files import FolderTree
 from usarsim_maps.reader import ImportOptions
+from usarsim_server.base.errors import MapImportError
 from usarsim_server.cli import main
-from usarsim_server.errors import MapImportError
 
 MESH = dae(dae_wedge(2.0 * WEDGE))
 GROUND = "<include><uri>model://ground_plane</uri></include>"

@@ -13,7 +13,7 @@ from PIL import Image, ImageFilter
 from usarsim_maps.grids.occupancy import load_grid
 from usarsim_maps.grids.shades import picture_cells, read_shades
 from usarsim_maps.reader import Context
-from usarsim_server.files import Folders
+from usarsim_server.base.files import Folders
 
 Pixels = NDArray[np.uint8]
 Mask = NDArray[np.bool_]

@@ -14,7 +14,7 @@ from t3d_maps import level, room, start
 from t3d_maps import read_level as read
 
 from usarsim_maps.unreal.grammar import Block, T3dError, parse, reference, value_of
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 
 
 def outcome(text: str) -> Block | int:

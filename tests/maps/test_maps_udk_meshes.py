@@ -16,7 +16,7 @@ from unreal_fixture import Enumeration, Name, Object, Ref, Structs, Writer, matr
 from usarsim_maps.convert import Request, import_map
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Collision
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 
 # ---- meshes --------------------------------------------------------------------------------
 

@@ -13,8 +13,8 @@ from mesh_samples import refused as told
 
 from usarsim_maps import apart
 from usarsim_maps.convert import Request, import_map
+from usarsim_server.base.errors import MapImportError
 from usarsim_server.cli import main
-from usarsim_server.errors import MapImportError
 
 
 def test_without_the_library(

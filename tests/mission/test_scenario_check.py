@@ -21,8 +21,8 @@ from usarsim_mission.scenario.resolving import stage
 from usarsim_mission.scenario.staging import Staged
 from usarsim_mission.zones import ZoneMap
 from usarsim_operator.impairment import read_plan
+from usarsim_server.base.lined import key_lines
 from usarsim_server.cli import main
-from usarsim_server.lined import key_lines
 from usarsim_server.worlds.loader import load_world
 
 PLACE = "[[place]]\nposition = [{}, {}, 0.12]\n"

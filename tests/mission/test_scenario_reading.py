@@ -13,7 +13,7 @@ from usarsim_mission.errors import MissionError
 from usarsim_mission.scenario.description import Scenario
 from usarsim_mission.scenario.reader import find_mission, parse_scenario, read_scenario
 from usarsim_mission.scenario.resolving import stage
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 
 EVENT = '[[event]]\nname = "e"\n'
 

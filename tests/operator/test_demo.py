@@ -26,8 +26,8 @@ from console_browser import CHROMIUM, opened
 
 from usarsim_operator import demo, packets, serving
 from usarsim_operator.recording import Packet, Recording, Text
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cli import build_parser
-from usarsim_server.errors import UsarsimError
 from usarsim_server.testing import PATIENCE
 
 USARSIM = [sys.executable, "-m", "usarsim_server"]

@@ -11,7 +11,7 @@ import pytest
 
 from usarsim_operator.impaired_link import ImpairedLink
 from usarsim_operator.impairment import Conditions, Plan, Way, read_plan
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 
 BAD = Conditions(delay=0.5, jitter=0.05, loss=0.1, seed=7)
 

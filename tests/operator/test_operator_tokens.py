@@ -15,8 +15,8 @@ from held_ports import held_port
 
 from usarsim_operator.roles import Role
 from usarsim_operator.tokens import kept_tokens
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cli import main
-from usarsim_server.errors import UsarsimError
 from usarsim_server.testing import PATIENCE, running_server
 
 GOOD = 'operator = "aaaaaaaaaaaaaaaaaaaa"\ninstructor = "bbbbbbbbbbbbbbbbbbbb"\nviewer = "{}"\n'

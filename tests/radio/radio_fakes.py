@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from usarsim_server.errors import SettingsError
+from usarsim_server.base.errors import SettingsError
+from usarsim_server.base.tables import Table
 from usarsim_server.protocol.values import Vector
 from usarsim_server.radio.models import Propagation, create_model
 from usarsim_server.radio.network import RadioWorld, Station
-from usarsim_server.tables import Table
 
 
 def model(name: str = "obstacle", **keys: object) -> Propagation:

@@ -14,9 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from radio_fakes import decibels, model
 
-from usarsim_server import plugins
 from usarsim_server.app import assemble
-from usarsim_server.errors import SettingsError
+from usarsim_server.base import plugins
+from usarsim_server.base.errors import SettingsError
 from usarsim_server.options import load_settings
 from usarsim_server.radio.configuration import read_radio
 from usarsim_server.radio.event_log import Event

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from radio_fakes import Field, model, rows
 
-from usarsim_server.errors import SettingsError
+from usarsim_server.base.errors import SettingsError
 from usarsim_server.radio.configuration import (
     Fading,
     LinkClock,

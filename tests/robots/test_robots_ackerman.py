@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from machine_fakes import ROBOTS, UDK, Driver, angles_of, steering, wild_drives
 
-from usarsim_server.logs import overheard
+from usarsim_server.base.logs import overheard
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.families.steered import (

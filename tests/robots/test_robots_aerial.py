@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from machine_fakes import ROBOTS, UDK, UT, Driver, wild_drives
 from robot_files import write
 
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_robot

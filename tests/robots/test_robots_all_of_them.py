@@ -21,7 +21,7 @@ import pytest
 from lanes import slow_but
 from robot_files import number
 
-from usarsim_server.files import data_directory
+from usarsim_server.base.files import data_directory
 from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sessions.robots import Vehicle

@@ -14,7 +14,7 @@ from robot_files import LEFT, RIGHT, table, write
 from test_robots_files_fuzz import QUICK, check, values
 from test_robots_limbs import ARM
 
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import CameraDescription, RobotDescription
 from usarsim_server.simulation.frames import Pose

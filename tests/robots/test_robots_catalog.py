@@ -16,8 +16,8 @@ import pytest
 from model_texts import TETRAHEDRON, body, mjcf, urdf, write_stl
 from robot_files import table, write
 
-from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.files import data_directory
+from usarsim_server.base.errors import RobotDescriptionError
+from usarsim_server.base.files import data_directory
 from usarsim_server.robots.catalog import Library, RobotCatalog, load_catalog, load_robot
 
 SHIPPED = tuple(

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from model_texts import body, inertial, mjcf, urdf
 
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.robots.coupling import coupled_position, coupled_speed, farthest, moved
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.testing import Rehearsal, RehearsedClient

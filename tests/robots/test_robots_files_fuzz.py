@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from robot_files import table, write
 from test_robots_limbs import ARM, GRIPPER
 
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.mjcf import build_spec

@@ -16,7 +16,7 @@ from robot_files import SENSOR, table, write
 
 from usarsim_doctor.robots_command import check
 from usarsim_server.actuators.effectors import effector_types
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_catalog, load_robot

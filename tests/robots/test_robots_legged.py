@@ -9,7 +9,7 @@ import pytest
 from machine_fakes import ROBOTS, UDK, UT, Driver
 from robot_files import write
 
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.families.machines import Legged

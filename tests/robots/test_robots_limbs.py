@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from robot_files import ARM, LINK, PIECE, SENSOR, table, write
 
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import JointType, RobotDescription
 from usarsim_server.robots.mjcf import build_spec

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from robot_files import ARM, CASTER, LEFT, RIGHT, SENSOR, SHAPE, table, write
 
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import BatteryDescription

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from robot_files import table, write
 
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.robots.families.base import families

@@ -95,7 +95,7 @@ def test_masses_and_places_are_those_of_the_file(
 @pytest.mark.parametrize("name", ["Nao", "ERS", "QRIO"])
 def test_shipped_bodies_are_those_of_their_files(name: str) -> None:
     """The legged robots weigh and move as their files say; extra joints of a body weigh 1 g."""
-    from usarsim_server.files import data_directory
+    from usarsim_server.base.files import data_directory
 
     folder = data_directory("robots")
     twin = Twin((folder / f"{name}.xml").read_text(), load_robot(folder / f"{name}.toml"))

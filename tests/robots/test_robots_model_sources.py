@@ -18,7 +18,7 @@ from model_texts import (
 )
 from robot_files import write
 
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.robots import model_sources
 from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.mjcf import build_spec

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from machine_fakes import ROBOTS
 
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.robots.catalog import load_robot
 from usarsim_server.testing import Rehearsal, RehearsedClient
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from machine_fakes import ROBOTS
 
-from usarsim_server.files import data_directory
+from usarsim_server.base.files import data_directory
 from usarsim_server.simulation.frames import wire_from_pose
 from usarsim_server.testing import Rehearsal
 

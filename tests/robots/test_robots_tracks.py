@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from machine_fakes import TRACKED, compiled, shipped, tracked
 from robot_files import SHAPE, table, write
 
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.families.tracked import Treads
 from usarsim_server.robots.tracks import Roller, Run, runs, touching

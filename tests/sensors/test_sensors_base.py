@@ -12,7 +12,7 @@ import pytest
 from sensor_fakes import UDK, FakeRobot, describe_item, describe_robot, describe_world, make
 
 import usarsim_server.sensors as package
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.sensors import base as registry
 from usarsim_server.sensors.base import Sensor, SensorContext, create_sensor, register, sensor_types
 from usarsim_server.sensors.pose import Battery

@@ -22,7 +22,7 @@ from sensor_fakes import (
     wall_ahead,
 )
 
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.sensors.report import conf_line, geo_line, sen_lines
 from usarsim_server.simulation.frames import flip_point
 

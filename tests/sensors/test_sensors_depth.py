@@ -26,7 +26,7 @@ from sensor_fakes import (
     wall_ahead,
 )
 
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.ranges import point_texts, wire_points
 from usarsim_server.sensors.report import conf_line, sen_lines

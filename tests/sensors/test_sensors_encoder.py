@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sensor_fakes import UDK, UT2004, FakeRobot, describe_robot, make, read, text_of, values
 
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.report import sen_lines
 from usarsim_server.sensors.wheels import Encoder

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sensor_fakes import UDK, UT2004, Box, FakeRobot, Pole, Scene, make, numbers, read, wall_ahead
 
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.report import conf_line, sen_lines
 from usarsim_server.simulation.frames import Pose, pose_from_wire

@@ -23,7 +23,7 @@ from sensor_fakes import (
     wall_ahead,
 )
 
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.protocol.dialects import ANGLE_UNIT, announced_angle
 from usarsim_server.sensors.base import Sensor
 from usarsim_server.sensors.inertial import angle_difference, each_turn

@@ -25,7 +25,7 @@ from sensor_fakes import (
     wall_ahead,
 )
 
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.report import conf_line, find_sensors, sen_lines

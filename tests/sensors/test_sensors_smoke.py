@@ -21,7 +21,7 @@ from sensor_fakes import (
     wall_ahead,
 )
 
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.sensors.base import SensorContext, create_sensor
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.worlds.description import Smoke, SmokePuff, SmokeVolume

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 import pytest
 from services_harness import Client, OnLoop, eventually
 
-from usarsim_server.errors import ServiceError, UsarsimError
+from usarsim_server.base.errors import ServiceError, UsarsimError
 from usarsim_server.protocol.grammar import LineFramer
 from usarsim_server.services.dialogue import (
     Desk,

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from services_harness import eventually
 
+from usarsim_server.base.errors import ServiceError
 from usarsim_server.cameras.encoding import Encoder, encode_jpeg
 from usarsim_server.cameras.view import Frame, Grid, Region
-from usarsim_server.errors import ServiceError
 from usarsim_server.protocol.images import NORMAL, RAW, ImageType
 from usarsim_server.services.images import ImageLimits, ImageService
 from usarsim_server.services.listener import Endpoint

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from services_harness import GREETING, Client, Running, eventually, words
 
-from usarsim_server.errors import SpawnError
+from usarsim_server.base.errors import SpawnError
+from usarsim_server.base.token_bucket import TokenBucket
 from usarsim_server.services import limits as module
 from usarsim_server.services import listener as listener_module
 from usarsim_server.services.control import ControlLimits
@@ -23,7 +24,6 @@ from usarsim_server.services.limits import (
     work_cost,
 )
 from usarsim_server.testing import PATIENCE
-from usarsim_server.token_bucket import TokenBucket
 
 
 class Watch:

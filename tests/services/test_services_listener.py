@@ -12,7 +12,7 @@ import time
 import pytest
 from held_ports import held_port
 
-from usarsim_server.errors import ServiceError
+from usarsim_server.base.errors import ServiceError
 from usarsim_server.services import listener as module
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits, format_address
 from usarsim_server.testing import PATIENCE, eventually

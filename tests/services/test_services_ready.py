@@ -11,7 +11,7 @@ import threading
 
 import pytest
 
-from usarsim_server.errors import ServiceError
+from usarsim_server.base.errors import ServiceError
 from usarsim_server.services.control import ControlService
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.port import print_ready, run_services

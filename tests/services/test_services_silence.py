@@ -13,7 +13,7 @@ from services_harness import GREETING, Running, fill
 from wireless_harness import POLL, Line
 from wireless_harness import Running as Radio
 
-from usarsim_server.logs import Log
+from usarsim_server.base.logs import Log
 from usarsim_server.services import listener
 from usarsim_server.services.comserver import ComServerLimits
 from usarsim_server.services.control import ControlLimits

@@ -8,9 +8,9 @@ from typing import cast
 
 import pytest
 
+from usarsim_server.base.logs import ROOT
 from usarsim_server.cameras.board import CameraBoard
 from usarsim_server.cameras.view import Grid, Region
-from usarsim_server.logs import ROOT
 from usarsim_server.protocol.commands import interpret
 from usarsim_server.protocol.grammar import parse_line
 from usarsim_server.protocol.requests import Set

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from usarsim_server.files import data_directory
+from usarsim_server.base.files import data_directory
 from usarsim_server.sessions.world_controller import WorldController
 from usarsim_server.testing import Rehearsal
 from usarsim_server.worlds.objects.bodies import SHAPES, load_objects

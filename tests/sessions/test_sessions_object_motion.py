@@ -23,7 +23,7 @@ from control_harness import (
     where,
 )
 
-from usarsim_server.files import data_directory
+from usarsim_server.base.files import data_directory
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
 # -- Physics ---------------------------------------------------------------------------------------

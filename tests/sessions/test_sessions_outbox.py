@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from usarsim_server.base.token_bucket import TokenBucket
 from usarsim_server.sessions.outbox import (
     GRACE,
     GRACE_SHARE,
@@ -19,7 +20,6 @@ from usarsim_server.sessions.outbox import (
     OutboxLimits,
 )
 from usarsim_server.testing import PATIENCE
-from usarsim_server.token_bucket import TokenBucket
 
 STREAM_BYTES = 100
 STREAM_LINES = 6

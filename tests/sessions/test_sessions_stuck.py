@@ -6,7 +6,7 @@ import logging
 
 import pytest
 
-from usarsim_server.logs import ROOT
+from usarsim_server.base.logs import ROOT
 from usarsim_server.sessions.stuck import PATIENCE, PAUSE, StuckWatch
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.testing import Rehearsal, RehearsedClient

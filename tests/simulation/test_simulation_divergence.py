@@ -23,7 +23,7 @@ from sim_fakes import (
     yard,
 )
 
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.simulation.divergence import SPEED_LIMIT
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.model import PhysicsOptions

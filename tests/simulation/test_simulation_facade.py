@@ -27,7 +27,7 @@ from sim_fakes import (
     watched,
 )
 
-from usarsim_server.errors import SpawnError, UsarsimError
+from usarsim_server.base.errors import SpawnError, UsarsimError
 from usarsim_server.simulation import simulation as module
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.frames import Pose

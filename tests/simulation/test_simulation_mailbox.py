@@ -9,7 +9,7 @@ import time
 import pytest
 from sim_fakes import in_parallel
 
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.simulation.mailbox import Mailbox
 from usarsim_server.testing import PATIENCE
 

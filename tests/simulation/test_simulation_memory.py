@@ -18,7 +18,7 @@ HOLD = 120.0
 
 SCRIPT = """
 import resource
-from usarsim_server.errors import SpawnError
+from usarsim_server.base.errors import SpawnError
 from usarsim_server.testing import Rehearsal
 
 with Rehearsal(world="empty", max_robots=64) as stage:

@@ -20,7 +20,7 @@ from sim_fakes import (
     yard,
 )
 
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.sessions.robots import robot_model as shipped_model
 from usarsim_server.simulation.frames import Pose

@@ -23,7 +23,7 @@ from sim_fakes import (
     straight,
 )
 
-from usarsim_server.errors import SpawnError
+from usarsim_server.base.errors import SpawnError
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import PhysicsOptions, RobotModel

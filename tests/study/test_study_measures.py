@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from logs import Log, minute, pooled_operators, two_operators, with_latencies
 
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 from usarsim_study.errors import StudyError
 from usarsim_study.measures import MEASURES, Part, compute, markdown, team
 from usarsim_study.measures.victims import display_to_mark_times

@@ -9,7 +9,7 @@ from desk_pages import STUDY, write_study
 
 from usarsim_mission.match.conditions import Conditions
 from usarsim_server import cli
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 from usarsim_study.assignment import Cell
 from usarsim_study.session.opening import open_folder
 from usarsim_study.session.staging import Options, prepare

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from usarsim_server.errors import WorldError
-from usarsim_server.files import data_directory
+from usarsim_server.base.errors import WorldError
+from usarsim_server.base.files import data_directory
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.worlds.avatars.bodies import (
     ADULT,

@@ -14,9 +14,9 @@ import pytest
 from PIL import Image
 from world_files import write_world
 
-from usarsim_server import files as data
-from usarsim_server.errors import WorldError
-from usarsim_server.files import data_directory
+from usarsim_server.base import files as data
+from usarsim_server.base.errors import WorldError
+from usarsim_server.base.files import data_directory
 from usarsim_server.worlds import loader
 from usarsim_server.worlds.loader import DEFAULT_WORLD, find_world, list_worlds, load_world
 from usarsim_server.worlds.scene import build_scene

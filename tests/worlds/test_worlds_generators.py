@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 from shipped_worlds import NAMES
 from world_files import HEAD, START, write_world
 
-from usarsim_server.files import data_directory
+from usarsim_server.base.files import data_directory
 from usarsim_server.simulation.frames import quaternion_from_rpy
 from usarsim_server.worlds import victims
 from usarsim_server.worlds.loader import load_world

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from usarsim_server.files import data_directory
+from usarsim_server.base.files import data_directory
 from usarsim_server.specs import path_bytes
 
 LOCALES = {

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from world_files import HEAD, START, VICTIM, nameless, write_world
 
-from usarsim_server.errors import WorldError
+from usarsim_server.base.errors import WorldError
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.worlds.description import FalseAlarm, Noise, RfidTag, SoundSource, Victim
 from usarsim_server.worlds.life import BREATH, VOICE, Traits, Walk, Wave, traits_of

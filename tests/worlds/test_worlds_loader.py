@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from world_files import HEAD, START, VICTIM, nameless, write_world
 
-from usarsim_server.errors import WorldError
+from usarsim_server.base.errors import WorldError
 from usarsim_server.simulation.frames import rpy_from_quaternion, wire_from_pose
 from usarsim_server.worlds.description import GeographicOrigin, WorldDescription
 from usarsim_server.worlds.loader import load_world

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from machine_stage import scene
 from world_files import HEAD, START, write_world
 
-from usarsim_server.errors import WorldError
+from usarsim_server.base.errors import WorldError
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.machinery.machinery import Drive, Machinery, Spring
 from usarsim_server.worlds.machinery.obstacles import operators_of

@@ -9,7 +9,7 @@ import mujoco
 import pytest
 from world_files import HEAD, SCENE, START, nameless, write_world
 
-from usarsim_server.errors import WorldError
+from usarsim_server.base.errors import WorldError
 from usarsim_server.simulation.ground import Surface
 from usarsim_server.worlds.description import Smoke, SmokePuff, WorldDescription
 from usarsim_server.worlds.loader import load_world

@@ -8,7 +8,7 @@ import mujoco
 import pytest
 from world_files import HEAD, SCENE, START, VICTIM, write_world
 
-from usarsim_server.errors import WorldError
+from usarsim_server.base.errors import WorldError
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
 

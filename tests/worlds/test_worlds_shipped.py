@@ -232,7 +232,7 @@ def test_every_room_of_the_office_can_be_entered() -> None:
 
 def test_all_names_are_tested() -> None:
     """This file looks at every folder of worlds there is."""
-    from usarsim_server.files import data_directory
+    from usarsim_server.base.files import data_directory
 
     folders = {path.name for path in data_directory("worlds").iterdir() if path.is_dir()}
     assert folders == set(NAMES)

@@ -8,7 +8,7 @@ import math
 import mujoco
 import pytest
 
-from usarsim_server.errors import SpawnError
+from usarsim_server.base.errors import SpawnError
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 from usarsim_server.worlds.avatars.ways import DISTANCE, FARTHEST, ground_below, survey

@@ -16,8 +16,8 @@ from usarsim_batch.progress import Progress
 from usarsim_batch.slurm import MOST, part_of, write_script
 from usarsim_batch.tasks import Played, Run, T, failed
 from usarsim_batch.worker import Limits
-from usarsim_server.errors import at
-from usarsim_server.files import held, reason
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import held, reason
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 from usarsim_batch.errors import BatchError
 from usarsim_batch.tasks import Played, Run, T, failed
 from usarsim_batch.worker import Limits, Worker
-from usarsim_server.extras import missing
+from usarsim_server.base.extras import missing
 
 _PATIENCE = 20.0
 """s for the scheduler to answer, and for a worker to be there."""

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from usarsim_batch.errors import BatchError
 from usarsim_batch.tasks import Played, Task
-from usarsim_server.errors import at
-from usarsim_server.files import check_links, read_regular, reason, replacing
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import check_links, read_regular, reason, replacing
 from usarsim_server.protocol.json_text import parse_json
 
 BATCH, RESULT, RUNS = "batch.json", "result.json", "runs"

@@ -15,8 +15,8 @@ from usarsim_bench.report import as_json, as_markdown, as_text
 from usarsim_bench.server import BenchError
 from usarsim_bench.suite import ALL, LONG, MEASUREMENTS, QUICK, QUICK_SECONDS, take
 from usarsim_server import __version__
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cli.common import Subparsers, add_command, written
-from usarsim_server.errors import UsarsimError
 
 _EPILOG = (
     "Measurements start servers of their own, on free ports, and take the clients' side "

@@ -25,10 +25,10 @@ from usarsim_bench.robot_files import SURVEYOR, SURVEYOR_CAMERAS, scouts
 from usarsim_bench.server import SERVE, Server, run_apart
 from usarsim_bench.team import TeamTrial, gather, load_figures, try_team
 from usarsim_server.app import Assembly
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cameras.encoding import encode_jpeg
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.cameras.view import Eye
-from usarsim_server.errors import UsarsimError
 from usarsim_server.protocol.images import NORMAL
 from usarsim_server.simulation.snapshot import Snapshot
 

@@ -35,7 +35,7 @@ from usarsim_bench.server import Server, run_apart
 from usarsim_bench.team import MIB, load_figures, try_team
 from usarsim_maps.convert import Request, import_map
 from usarsim_maps.reader import ImportOptions
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions

@@ -28,9 +28,9 @@ from pathlib import Path
 from usarsim_bench.linehash_play import SESSIONS, Lines, grounds, play
 from usarsim_bench.linehash_yard import EVERY_SENSOR
 from usarsim_bench.server import BenchError, all_classes
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.toml import read_text
 from usarsim_server.protocol.json_text import parse_json
-from usarsim_server.toml import read_text
 
 PACKAGES = ("mujoco", "numpy", "embreex")
 _STORE = Path("tests", "bench", "line_hashes.json")

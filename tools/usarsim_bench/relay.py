@@ -26,7 +26,7 @@ from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms, p99
 from usarsim_bench.server import SERVE, BenchError, CarefulClosing, Server, load_between
 from usarsim_bench.team import ROBOTS, SETTLE, gather, load_figures, paces
 from usarsim_client import BlockingConnection, ProtocolError, command, road
-from usarsim_server.children import python
+from usarsim_server.base.children import python
 
 CHUNK = 64 * 1024
 

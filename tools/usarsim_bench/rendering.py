@@ -32,13 +32,13 @@ from numpy.typing import NDArray
 from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms, p99
 from usarsim_bench.server import run_apart
 from usarsim_server.app import Assembly, assemble
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cameras.backend import NEAR
 from usarsim_server.cameras.encoding import Encoder
 from usarsim_server.cameras.gl import QUADS, SLICES, STACKS
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.view import Eye, Frame, View
-from usarsim_server.errors import UsarsimError
 from usarsim_server.protocol.images import NORMAL
 from usarsim_server.sensors.ranges import wire_directions
 from usarsim_server.settings import Settings

@@ -20,7 +20,7 @@ from typing import TypeVar
 import psutil
 
 from usarsim_client import BlockingConnection, Closing, ProtocolError
-from usarsim_server.children import python
+from usarsim_server.base.children import python
 
 
 class BenchError(RuntimeError):

@@ -11,7 +11,7 @@ from typing import Self
 
 from usarsim_client.inbox import HangupError, Inbox, Line, Read, Take, Wanted
 from usarsim_client.pictures import Picture, picture
-from usarsim_server.addresses import bare_host
+from usarsim_server.base.addresses import bare_host
 
 CHUNK = 65536
 """Bytes taken from the socket at once, at most; a read of so many was cut here, not by the

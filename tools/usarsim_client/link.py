@@ -19,7 +19,7 @@ from usarsim_client.inbox import HangupError, Line, ProtocolError, command
 from usarsim_client.reports import StartPoses
 from usarsim_client.state import RobotState
 from usarsim_client.streams import Stream
-from usarsim_server.addresses import format_address
+from usarsim_server.base.addresses import format_address
 from usarsim_server.protocol.grammar import LineFramer
 
 Kind = TypeVar("Kind")

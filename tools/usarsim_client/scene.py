@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from usarsim_client.inbox import HangupError, ProtocolError
 from usarsim_client.truth import TruthRow as TruthRow  # part of what this module hands out
 from usarsim_client.truth import truth_row
-from usarsim_server.addresses import bare_host
+from usarsim_server.base.addresses import bare_host
 from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.protocol.scene import POSES, VERSION, frames, message
 

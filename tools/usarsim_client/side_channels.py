@@ -12,7 +12,7 @@ from usarsim_client.inbox import Line, ProtocolError
 from usarsim_client.link import Address
 from usarsim_client.segments import Item, boolean, number, read, vector
 from usarsim_client.services import Actor, actor, road
-from usarsim_server.addresses import bare_host
+from usarsim_server.base.addresses import bare_host
 from usarsim_server.protocol.values import Vector
 
 

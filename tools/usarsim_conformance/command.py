@@ -30,11 +30,11 @@ from usarsim_conformance.reports import (
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.survey import GROUND, Target
 from usarsim_server import __version__
-from usarsim_server.addresses import bare_host
+from usarsim_server.base.addresses import bare_host
+from usarsim_server.base.errors import UsarsimError, at
+from usarsim_server.base.files import write_text
+from usarsim_server.base.toml import read_text
 from usarsim_server.cli.common import Subparsers, add_command
-from usarsim_server.errors import UsarsimError, at
-from usarsim_server.files import write_text
-from usarsim_server.toml import read_text
 
 _EPILOG = (
     "Exit code 0 if no rule that must be kept is broken, else 1. Side channels are judged if their "

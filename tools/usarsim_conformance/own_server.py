@@ -20,7 +20,7 @@ from usarsim_conformance.reports import SIGNS
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.stage import FOLDER
 from usarsim_conformance.survey import Target
-from usarsim_server.children import python
+from usarsim_server.base.children import python
 
 _USARSIM = python("-m", "usarsim_server.cli")
 _PORTS = ("", "image-", "groundtruth-", "wireless-", "comserver-", "truth-")

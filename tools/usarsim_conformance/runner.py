@@ -17,7 +17,7 @@ from usarsim_conformance.registry import Check, Failed, Inconclusive, NotApplica
 from usarsim_conformance.report import Report, Rule
 from usarsim_conformance.survey import Survey, Target, survey
 from usarsim_conformance.wire import Transcript
-from usarsim_server.addresses import format_address
+from usarsim_server.base.addresses import format_address
 
 _PARALLEL = 8
 """Checks at a time."""

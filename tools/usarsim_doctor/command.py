@@ -11,10 +11,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import TextIO
 
-from usarsim_server import logs
+from usarsim_server.base import logs
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cli.common import Subparsers, add_command, written
 from usarsim_server.cli.serve import add_settings, settings_from
-from usarsim_server.errors import UsarsimError
 from usarsim_server.options import OPTIONS
 
 _EPILOG = (

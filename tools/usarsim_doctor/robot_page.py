@@ -9,11 +9,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from usarsim_server import logs
+from usarsim_server.base import logs
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.files import data_directory, replacing, write_text
+from usarsim_server.base.toml import read_text
 from usarsim_server.cli.common import number
-from usarsim_server.errors import UsarsimError
-from usarsim_server.files import data_directory, replacing, write_text
-from usarsim_server.toml import read_text
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -12,7 +12,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from usarsim_server import logs
+from usarsim_server.base import logs
+from usarsim_server.base.errors import RobotDescriptionError, UsarsimError, at
+from usarsim_server.base.files import data_directory
+from usarsim_server.base.tables import nearest
 from usarsim_server.cli.common import (
     Subparsers,
     add_command,
@@ -22,8 +25,6 @@ from usarsim_server.cli.common import (
     table,
     written,
 )
-from usarsim_server.errors import RobotDescriptionError, UsarsimError, at
-from usarsim_server.files import data_directory
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import (
     ActuatorDescription,
@@ -32,7 +33,6 @@ from usarsim_server.robots.description import (
     RobotDescription,
 )
 from usarsim_server.simulation.frames import wire_from_pose
-from usarsim_server.tables import nearest
 
 if TYPE_CHECKING:
     from usarsim_doctor.test_drive import Rest, TestDrive
@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
         return check(arguments.check, folders, arguments.out)
     if arguments.page is not None:
         from usarsim_doctor.robot_page import write
-        from usarsim_server.extras import need
+        from usarsim_server.base.extras import need
 
         need("PIL", extra="maps", asker="--page")
         return write(arguments.page, folders)

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.actuators.effectors import create_effectors
+from usarsim_server.base.errors import RobotDescriptionError, UsarsimError, at
+from usarsim_server.base.logs import Log
 from usarsim_server.cameras.backend import Quality
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.spectators import extent, portrait_view
-from usarsim_server.errors import RobotDescriptionError, UsarsimError, at
-from usarsim_server.logs import Log
 from usarsim_server.protocol.commands import interpret
 from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.grammar import parse_line

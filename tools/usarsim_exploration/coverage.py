@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from usarsim_server.csv_files import CsvWriter
+from usarsim_server.base.csv_files import CsvWriter
 from usarsim_server.protocol.values import Vector
 from usarsim_server.radio.models import Propagation
 from usarsim_server.radio.network import ObstacleCounter

@@ -8,7 +8,7 @@ from typing import Literal
 from usarsim_exploration.cycle import BASE, Body, Cycle
 from usarsim_exploration.events import Fate
 from usarsim_exploration.history import Recorder
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 Reason = Literal["steps", "base knows", "all home", "all lost", "failed"]
 

@@ -1,12 +1,12 @@
-"""What a user of `usarsim explore` can do wrong; see `usarsim_server.errors`."""
+"""What a user of `usarsim explore` can do wrong; see `usarsim_server.base.errors`."""
 
 from __future__ import annotations
 
 from importlib import import_module
 from typing import Any
 
-from usarsim_server.errors import UsarsimError
-from usarsim_server.extras import need
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.extras import need
 
 
 class ExplorationError(UsarsimError):

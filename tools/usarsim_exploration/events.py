@@ -13,8 +13,8 @@ import numpy as np
 
 from usarsim_exploration.cycle import BASE, Cycle
 from usarsim_exploration.environment import Environment
-from usarsim_server.fields import field
-from usarsim_server.tables import Table
+from usarsim_server.base.fields import field
+from usarsim_server.base.tables import Table
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from usarsim_exploration.mresim.planning import DONE, FIRST, NEVER_DONE
 from usarsim_exploration.planning import Field, Path
 from usarsim_exploration.strategy import Letter, Plan, Strategy, Teammate, View, straight
 from usarsim_exploration.walking import onward, stroll
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 NEAR = 4
 """Cells from where a frontier was, within which another one is taken for the same."""

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.history import Counts, History
 from usarsim_exploration.rules import RULES, RunRules
-from usarsim_server.csv_files import Sheet, csv_text, read_csv
-from usarsim_server.errors import at
+from usarsim_server.base.csv_files import Sheet, csv_text, read_csv
+from usarsim_server.base.errors import at
 
 STEPS, AGENTS = "steps.csv", "agents.csv"
 TEAM_COLUMNS = (

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from usarsim_server.base.errors import SettingsError, at
 from usarsim_server.cli.common import Subparsers, add_command, number, numbers, written
-from usarsim_server.errors import SettingsError, at
 
 if TYPE_CHECKING:
     from usarsim_exploration.coverage import Grid

@@ -22,8 +22,8 @@ from usarsim_exploration.planning import Field
 from usarsim_exploration.running import Result, Run
 from usarsim_exploration.scenario import Scenario
 from usarsim_exploration.strategy import Plan, Role, Strategy, View
-from usarsim_server.errors import at
-from usarsim_server.toml import read_text
+from usarsim_server.base.errors import at
+from usarsim_server.base.toml import read_text
 
 _ANY_SPEED = 1e6
 _NUMBER = re.compile(r"-?[0-9]{1,9}(\.0*)?")

@@ -23,10 +23,10 @@ from usarsim_exploration.showing.scene import scene_of
 from usarsim_exploration.strategy_file import split
 from usarsim_exploration.worlds import World
 from usarsim_exploration.worlds.pictures import save_map
-from usarsim_server.errors import at
-from usarsim_server.files import check_links, read_regular, reason, write_bytes, write_text
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import check_links, read_regular, reason, write_bytes, write_text
+from usarsim_server.base.toml import toml_text
 from usarsim_server.protocol.json_text import parse_json
-from usarsim_server.toml import toml_text
 
 FORMAT = "usarsim-explore-run/1"
 RUN, TIMING, MAP, SCENARIO = "run.json", "timing.json", "map.png", "scenario.toml"

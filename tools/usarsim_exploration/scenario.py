@@ -39,9 +39,9 @@ from usarsim_exploration.worlds.catalogue import Recipe
 from usarsim_exploration.worlds.fitting import note
 from usarsim_exploration.worlds.generators import KINDS, Shape
 from usarsim_exploration.worlds.pictures import Rules
-from usarsim_server.fields import field, keys
-from usarsim_server.tables import Table
-from usarsim_server.toml import parse_toml, read_toml
+from usarsim_server.base.fields import field, keys
+from usarsim_server.base.tables import Table
+from usarsim_server.base.toml import parse_toml, read_toml
 
 OPTIONS = "options"
 """Where a scenario stands that no file holds, for errors."""

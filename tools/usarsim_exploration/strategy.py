@@ -21,8 +21,8 @@ from usarsim_exploration.known_map import KnownMap
 from usarsim_exploration.planning import Path, Planner
 from usarsim_exploration.radio import RadioEstimate
 from usarsim_exploration.rules import TODAY, RunRules
-from usarsim_server.plugins import PluginTypes
-from usarsim_server.tables import Table
+from usarsim_server.base.plugins import PluginTypes
+from usarsim_server.base.tables import Table
 
 GROUP = "usarsim.strategies"
 """Entry point group for strategies of other packages."""

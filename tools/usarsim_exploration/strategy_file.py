@@ -9,9 +9,9 @@ from pathlib import Path
 
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.strategy import Strategy
-from usarsim_server.errors import at
-from usarsim_server.files import is_regular
-from usarsim_server.tables import suggest
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import is_regular
+from usarsim_server.base.tables import suggest
 
 _CURE = "see docs/howto/strategy.md"
 

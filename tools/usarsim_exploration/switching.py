@@ -15,7 +15,7 @@ from typing import Any
 
 from usarsim_exploration.strategies.frontier import FrontierStrategy
 from usarsim_exploration.strategy import Letter, View
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 EVERY, FIRST = 10, 5
 """Steps between two checks; the first is `EVERY` after step `FIRST`."""

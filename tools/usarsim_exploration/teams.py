@@ -23,8 +23,8 @@ from usarsim_exploration.worlds import (
     settle,
     start_around,
 )
-from usarsim_server.fields import field
-from usarsim_server.tables import Table
+from usarsim_server.base.fields import field
+from usarsim_server.base.tables import Table
 
 MOST = 64
 """Robots of a team."""

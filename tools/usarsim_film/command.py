@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.processes import calling
 from usarsim_server.cli.common import Subparsers, add_command
-from usarsim_server.errors import UsarsimError
-from usarsim_server.processes import calling
 
 if TYPE_CHECKING:
     from usarsim_film.story import Survey

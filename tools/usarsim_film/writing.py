@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from usarsim_server.errors import UsarsimError, at
+from usarsim_server.base.errors import UsarsimError, at
 
 Frame = NDArray[np.uint8]
 """(height, width, 3), blue green red, as OpenCV has it."""

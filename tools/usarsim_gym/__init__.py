@@ -5,7 +5,7 @@ Importing this registers `usarsim/ExploreGrid-v0`, `usarsim/ExploreFrontiers-v0`
 itself. Teams are `ExploreTeam` and `ExplorePhysicsTeam`. See docs/gym.md.
 """
 
-from usarsim_server.extras import need
+from usarsim_server.base.extras import need
 
 need("gymnasium", "pettingzoo", extra="gym", asker="usarsim_gym")
 

@@ -28,8 +28,8 @@ from usarsim_gym.level import Rewards
 from usarsim_gym.puppets import Puppet
 from usarsim_gym.rover import TICK, Place, Stage
 from usarsim_gym.seeing import Observation, Picture, map_spaces, surroundings, whole
-from usarsim_server.errors import at
-from usarsim_server.tables import Table
+from usarsim_server.base.errors import at
+from usarsim_server.base.tables import Table
 
 Localisation = Literal["truth", "odometry"]
 Tables = Mapping[str, object]

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
 
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 
 PATIENCE, SPEED = 30.0, 2e6
 """s to start a library, and bytes per second that it reads even on a busy machine."""

@@ -64,7 +64,7 @@ from usarsim_maps.units import (
     unreal_points,
     unreal_pose,
 )
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.worlds.description import PathNode, Smoke, StartPose, Victim
 

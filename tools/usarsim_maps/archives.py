@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from usarsim_maps.files import read_bytes
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 
 MAX_ENTRIES = 20_000
 """Files in an archive."""

@@ -21,8 +21,8 @@ from typing import Any
 from usarsim_maps.files import MAX_INDEXED, file_digest
 from usarsim_maps.reader import ImportOptions
 from usarsim_server import __version__
-from usarsim_server.errors import MapImportError, at
-from usarsim_server.files import publish_folder, read_regular
+from usarsim_server.base.errors import MapImportError, at
+from usarsim_server.base.files import publish_folder, read_regular
 from usarsim_server.protocol.json_text import parse_json
 
 FORMAT = 6

@@ -7,9 +7,9 @@ import json
 import math
 from pathlib import Path
 
+from usarsim_server.base.errors import MapImportError, SettingsError, at
+from usarsim_server.base.files import write_text
 from usarsim_server.cli.common import Subparsers, add_command
-from usarsim_server.errors import MapImportError, SettingsError, at
-from usarsim_server.files import write_text
 from usarsim_server.world_cost import MAX_MEMORY, MAX_PIECES, MOST, WorldLimits
 
 _EPILOG = (

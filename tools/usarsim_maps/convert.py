@@ -27,8 +27,8 @@ from usarsim_maps.report import Report, make_report
 from usarsim_maps.sidecar import find_sidecar, load_sidecar
 from usarsim_maps.terminal import ProgressBar, quiet
 from usarsim_server import __version__
-from usarsim_server.errors import MapImportError, at
-from usarsim_server.files import ALLOW, Folders, is_folder, is_regular, publish_folder
+from usarsim_server.base.errors import MapImportError, at
+from usarsim_server.base.files import ALLOW, Folders, is_folder, is_regular, publish_folder
 from usarsim_server.world_cost import LIMITS, WorldLimits
 from usarsim_server.worlds.loader import SHEET
 

@@ -16,8 +16,8 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import TYPE_CHECKING
 from urllib.parse import unquote
 
-from usarsim_server.errors import MapImportError, at
-from usarsim_server.files import Folders, is_regular, open_regular, reason
+from usarsim_server.base.errors import MapImportError, at
+from usarsim_server.base.files import Folders, is_regular, open_regular, reason
 
 if TYPE_CHECKING:
     from PIL.Image import Image as Picture

@@ -22,9 +22,9 @@ from usarsim_maps.files import AssetIndex, read_head
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Scene
 from usarsim_maps.support import SupportTable
-from usarsim_server.errors import MapImportError, at
-from usarsim_server.files import ALLOW, Folders
-from usarsim_server.plugins import PluginTypes
+from usarsim_server.base.errors import MapImportError, at
+from usarsim_server.base.files import ALLOW, Folders
+from usarsim_server.base.plugins import PluginTypes
 from usarsim_server.world_cost import LIMITS, WorldLimits
 
 _MESHES = 'pip install "usarsim-server[meshes]"'

@@ -12,7 +12,7 @@ from usarsim_maps.build.builder import Built
 from usarsim_maps.files import read_head
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Array, Scene
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 
 MOST_LINES = 40
 """Of missing files, of warnings and of starts in the text; JSON has all."""

@@ -16,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.fields import field as declared
+from usarsim_server.base.fields import field as declared
 from usarsim_server.simulation.frames import IDENTITY, Pose, Vector
 from usarsim_server.worlds.description import PathNode, Smoke, StartPose, Victim
 

@@ -26,12 +26,12 @@ from usarsim_maps.scene import (
     Source,
     map_victim,
 )
-from usarsim_server.errors import MapImportError
-from usarsim_server.fields import field
-from usarsim_server.files import is_regular
+from usarsim_server.base.errors import MapImportError
+from usarsim_server.base.fields import field
+from usarsim_server.base.files import is_regular
+from usarsim_server.base.tables import Table
+from usarsim_server.base.toml import read_toml
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
-from usarsim_server.tables import Table
-from usarsim_server.toml import read_toml
 from usarsim_server.worlds.description import POSTURES, PathNode, StartPose, Victim
 from usarsim_server.worlds.smoke import read_smoke
 

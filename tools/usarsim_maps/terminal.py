@@ -12,7 +12,7 @@ from typing import Self, TextIO
 
 import mujoco
 
-from usarsim_server.logs import ROOT, Log
+from usarsim_server.base.logs import ROOT, Log
 
 _log = Log("import")
 

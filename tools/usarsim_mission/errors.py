@@ -1,8 +1,8 @@
-"""What a user of missions can do wrong; see `usarsim_server.errors`."""
+"""What a user of missions can do wrong; see `usarsim_server.base.errors`."""
 
 from __future__ import annotations
 
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 
 
 class MissionError(UsarsimError):

@@ -14,7 +14,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
-from usarsim_server.tables import suggest
+from usarsim_server.base.tables import suggest
 
 MAX_DEPTH = 50
 """Parentheses, signs and powers within each other."""

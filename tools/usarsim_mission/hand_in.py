@@ -27,8 +27,8 @@ from PIL import Image, TiffImagePlugin, TiffTags
 from usarsim_mission.errors import RunLogError
 from usarsim_mission.grid import FREE, UNKNOWN, WALL, Grid
 from usarsim_mission.model import Point
-from usarsim_server.errors import at
-from usarsim_server.files import reason, write_bytes
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import reason, write_bytes
 
 UNKNOWN_BLUE, WALL_BLACK, SEARCHED_GREEN, FREE_WHITE, VICTIM_RED = (
     (0, 0, 255),

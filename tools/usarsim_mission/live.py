@@ -11,8 +11,8 @@ from usarsim_mission.errors import RunLogError
 from usarsim_mission.records import Record
 from usarsim_mission.referee import Referee
 from usarsim_mission.runlog import SCORE, RunWriter
-from usarsim_server.errors import at
-from usarsim_server.files import reason, write_text
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import reason, write_text
 
 
 class LiveRun:

@@ -10,9 +10,9 @@ from typing import Any
 
 import yaml
 
-from usarsim_server.errors import UsarsimError, at
-from usarsim_server.lined import LinedTable, Place
-from usarsim_server.toml import MAX_DEPTH, read_text
+from usarsim_server.base.errors import UsarsimError, at
+from usarsim_server.base.lined import LinedTable, Place
+from usarsim_server.base.toml import MAX_DEPTH, read_text
 
 
 def open_marked_up(path: Path, error: type[UsarsimError]) -> LinedTable:

@@ -17,8 +17,8 @@ from usarsim_mission.live import LiveRun
 from usarsim_mission.records import DERIVED, Record
 from usarsim_mission.referee import Referee
 from usarsim_mission.runlog import EVENTS, RESERVED, TRUTH, RunFolder, RunWriter
-from usarsim_server.errors import at
-from usarsim_server.files import reason
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import reason
 from usarsim_server.protocol.json_text import parse_json
 
 CUT = "cut.jsonl"

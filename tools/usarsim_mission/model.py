@@ -14,11 +14,11 @@ from typing import Any, Literal, get_args
 
 from usarsim_mission.errors import MissionError
 from usarsim_mission.grid import Grid
-from usarsim_server.errors import at
-from usarsim_server.fields import field, keys
-from usarsim_server.files import read_regular, reason
+from usarsim_server.base.errors import at
+from usarsim_server.base.fields import field, keys
+from usarsim_server.base.files import read_regular, reason
+from usarsim_server.base.tables import Table, Vector, finite
 from usarsim_server.protocol.json_text import parse_json
-from usarsim_server.tables import Table, Vector, finite
 
 Point = tuple[float, float]
 Colour = Literal["yellow", "orange", "red", "blue"]

@@ -14,11 +14,11 @@ from pathlib import Path
 
 from usarsim_mission.errors import MissionError
 from usarsim_mission.model import plain
-from usarsim_server.errors import at
-from usarsim_server.fields import field
-from usarsim_server.files import read_regular, reason, write_text
+from usarsim_server.base.errors import at
+from usarsim_server.base.fields import field
+from usarsim_server.base.files import read_regular, reason, write_text
+from usarsim_server.base.tables import Table
 from usarsim_server.protocol.json_text import parse_json
-from usarsim_server.tables import Table
 
 PLAN = "batch.json"
 SCHEMA = "usar-batch/1"

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from usarsim_server.tables import shown
+from usarsim_server.base.tables import shown
 
 Record = dict[str, Any]
 """A line of a log: `seq`, `t_sim` (s), `t_wall` (s since the run began), `kind`, and facts."""

@@ -12,8 +12,8 @@ from usarsim_mission.errors import RunLogError
 from usarsim_mission.records import DERIVED, Record
 from usarsim_mission.referee import Referee
 from usarsim_mission.runlog import SCORE, RunFolder
-from usarsim_server.errors import at
-from usarsim_server.files import read_regular, reason
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import read_regular, reason
 from usarsim_server.protocol.json_text import parse_json
 
 _MOST = 20

@@ -25,10 +25,10 @@ from usarsim_mission.model import Mission, World, plain, read_world, world_json
 from usarsim_mission.records import Record
 from usarsim_mission.scoring import Rules, read_rules
 from usarsim_mission.truth_lines import Packer, Thinner, Unpacker
-from usarsim_server.errors import at
-from usarsim_server.files import check_links, open_regular, reason, write_text
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import check_links, open_regular, reason, write_text
+from usarsim_server.base.toml import toml_text
 from usarsim_server.protocol.json_text import parse_json
-from usarsim_server.toml import toml_text
 
 EVENTS, TRUTH = "events.jsonl", "truth.jsonl"
 MISSION, SCORING, WORLD, SCORE = "mission.toml", "scoring.toml", "world.json", "score.json"

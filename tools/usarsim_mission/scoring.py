@@ -16,10 +16,10 @@ from typing import Any, Literal
 from usarsim_mission.errors import ScoringError
 from usarsim_mission.expression import Expression, ExpressionError, Range
 from usarsim_mission.marked_up import open_marked_up
-from usarsim_server.errors import at
-from usarsim_server.fields import field
-from usarsim_server.lined import LinedTable, open_toml
-from usarsim_server.tables import Table, suggest
+from usarsim_server.base.errors import at
+from usarsim_server.base.fields import field
+from usarsim_server.base.lined import LinedTable, open_toml
+from usarsim_server.base.tables import Table, suggest
 
 SCHEMA = "usar-score/1"
 PRESETS = Path(__file__).parent / "presets"

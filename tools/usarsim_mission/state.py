@@ -12,7 +12,7 @@ from typing import Any, TextIO
 
 from usarsim_mission import records
 from usarsim_mission.referee import Referee
-from usarsim_server.csv_files import CsvWriter
+from usarsim_server.base.csv_files import CsvWriter
 
 STATE = "state.csv"
 COLUMNS = {

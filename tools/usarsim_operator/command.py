@@ -22,9 +22,9 @@ from usarsim_operator.serving import (
     until_interrupted,
 )
 from usarsim_operator.signals import BASE
-from usarsim_server.addresses import bare_host, split_address
+from usarsim_server.base.addresses import bare_host, split_address
+from usarsim_server.base.private import secret
 from usarsim_server.cli.common import Subparsers, add_command
-from usarsim_server.private import secret
 
 _EPILOG = (
     "Prints one line CONSOLE http://HOST:PORT/#TOKEN per role when ready. Works with every server "

@@ -14,8 +14,8 @@ from usarsim_operator.serving import (
     serve,
     until_interrupted,
 )
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cli.common import Subparsers, add_command
-from usarsim_server.errors import UsarsimError
 
 _EPILOG = (
     "Prints one line CONSOLE http://HOST:PORT/#TOKEN per role when ready. Everything is on this "

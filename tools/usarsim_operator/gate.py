@@ -25,9 +25,9 @@ from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.typedefs import Handler, Middleware
 
-from usarsim_server.errors import UsarsimError
-from usarsim_server.logs import Log
-from usarsim_server.token_bucket import TokenBucket
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.logs import Log
+from usarsim_server.base.token_bucket import TokenBucket
 
 try:
     import resource

@@ -12,9 +12,9 @@ import random
 from dataclasses import dataclass
 from pathlib import Path
 
-from usarsim_server.errors import UsarsimError
-from usarsim_server.tables import Table
-from usarsim_server.toml import read_toml
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.tables import Table
+from usarsim_server.base.toml import read_toml
 
 
 @dataclass(frozen=True, slots=True)

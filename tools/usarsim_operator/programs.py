@@ -14,9 +14,9 @@ from collections import deque
 from collections.abc import AsyncIterator, Mapping, Sequence
 from pathlib import Path
 
-from usarsim_server.children import python
-from usarsim_server.errors import UsarsimError, at
-from usarsim_server.files import reason
+from usarsim_server.base.children import python
+from usarsim_server.base.errors import UsarsimError, at
+from usarsim_server.base.files import reason
 
 ROBOT = "P3AT_real"
 """Class of the robots: laser, camera, and as fast as the real one."""

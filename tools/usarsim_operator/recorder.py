@@ -21,7 +21,7 @@ from usarsim_operator.pages import MOST_BYTES, MOST_TEXTS, Page
 from usarsim_operator.recording import Writer
 from usarsim_operator.roles import Role
 from usarsim_server import __version__
-from usarsim_server.logs import Log
+from usarsim_server.base.logs import Log
 from usarsim_server.protocol.json_text import parse_json
 
 if TYPE_CHECKING:

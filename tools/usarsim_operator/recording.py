@@ -23,8 +23,8 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from usarsim_operator import packets
-from usarsim_server.errors import UsarsimError, at
-from usarsim_server.private import private
+from usarsim_server.base.errors import UsarsimError, at
+from usarsim_server.base.private import private
 from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.protocol.scene import SceneError, frames
 

@@ -30,9 +30,9 @@ from usarsim_operator.requests import Desk
 from usarsim_operator.roles import Role
 from usarsim_operator.settings import Settings
 from usarsim_operator.station import Station
-from usarsim_server.addresses import split_address
-from usarsim_server.errors import UsarsimError
-from usarsim_server.private import secret
+from usarsim_server.base.addresses import split_address
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.private import secret
 
 _PING = re.compile(r'"type"\s*:\s*"ping"')
 

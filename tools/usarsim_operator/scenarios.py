@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 
 from usarsim_client import ProtocolError, frames
 from usarsim_operator.navigation import Place
-from usarsim_server.errors import UsarsimError
-from usarsim_server.lined import LinedTable, key_lines
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.lined import LinedTable, key_lines
+from usarsim_server.base.tables import Table
+from usarsim_server.base.toml import parse_toml
 from usarsim_server.protocol.values import Vector
-from usarsim_server.tables import Table
-from usarsim_server.toml import parse_toml
 
 if TYPE_CHECKING:
     from usarsim_operator.station import Station

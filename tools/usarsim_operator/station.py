@@ -49,7 +49,7 @@ from usarsim_operator.timed_moves import Rotate
 from usarsim_operator.truth import Truth, wire_pose
 from usarsim_operator.watchdog import Watchdog
 from usarsim_operator.world_clock import WorldClock
-from usarsim_server.logs import Log
+from usarsim_server.base.logs import Log
 from usarsim_server.protocol.values import Vector
 
 MOST_ROBOTS = 250

@@ -6,11 +6,11 @@ import contextlib
 from pathlib import Path
 
 from usarsim_operator.roles import Role, Tokens
-from usarsim_server.errors import UsarsimError
-from usarsim_server.files import reason
-from usarsim_server.private import exposed, private
-from usarsim_server.tables import Table
-from usarsim_server.toml import read_toml
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.files import reason
+from usarsim_server.base.private import exposed, private
+from usarsim_server.base.tables import Table
+from usarsim_server.base.toml import read_toml
 
 _LEAST, _MOST = 16, 200
 """Characters of a token; 16 of ours have 96 bits."""

@@ -12,10 +12,10 @@ from typing import Any
 
 from usarsim_client.inbox import HangupError, ProtocolError
 from usarsim_client.scene import connect_scene
-from usarsim_server.addresses import split_address
+from usarsim_server.base.addresses import split_address
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.private import secret
 from usarsim_server.cli.common import Subparsers, add_command
-from usarsim_server.errors import UsarsimError
-from usarsim_server.private import secret
 
 RED, YELLOW, BLUE, DIM, PLAIN = "\x1b[31m", "\x1b[33m", "\x1b[36m", "\x1b[2m", "\x1b[0m"
 CONNECT = 10.0

@@ -25,7 +25,7 @@ from usarsim_operator.roles import LONGEST, Role, Tokens, foreign
 from usarsim_operator.serving import PAGE
 from usarsim_operator.station import Station
 from usarsim_operator.watchdog import DRIVE_TIME
-from usarsim_server.private import same_user
+from usarsim_server.base.private import same_user
 
 MOST_PAGES = 64
 """Pages at a time that have said who they are."""

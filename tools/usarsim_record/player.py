@@ -25,7 +25,7 @@ from usarsim_record.recording import (
     SessionClock,
     cues,
 )
-from usarsim_server.addresses import format_address
+from usarsim_server.base.addresses import format_address
 
 _HANGS = 60.0
 """s of wall time without a byte after which the server counts as hanging."""

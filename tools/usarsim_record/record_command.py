@@ -11,11 +11,11 @@ from pathlib import Path
 
 from usarsim_record.proxy import Proxy
 from usarsim_record.recording import Link, RecordError, Writer
-from usarsim_server.addresses import bare_host, format_address
+from usarsim_server.base.addresses import bare_host, format_address
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.private import private
+from usarsim_server.base.processes import calling
 from usarsim_server.cli.common import Subparsers, add_command
-from usarsim_server.errors import UsarsimError
-from usarsim_server.private import private
-from usarsim_server.processes import calling
 
 _EPILOG = (
     "Point the controller to the port of --listen instead of the server's. Everything is passed on "

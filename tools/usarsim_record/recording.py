@@ -25,11 +25,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from usarsim_server.addresses import format_address, split_address
-from usarsim_server.errors import UsarsimError
-from usarsim_server.files import open_regular, reason
+from usarsim_server.base.addresses import format_address, split_address
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.files import open_regular, reason
+from usarsim_server.base.toml import decoded
 from usarsim_server.protocol.json_text import parse_json
-from usarsim_server.toml import decoded
 
 FORMAT = 1
 CLIENT, SERVER = "client", "server"

@@ -10,9 +10,9 @@ from pathlib import Path
 from usarsim_record.digest import Tolerance
 from usarsim_record.player import Outcome, play
 from usarsim_record.recording import Link, RecordError, Recording, read
-from usarsim_server.addresses import bare_host
+from usarsim_server.base.addresses import bare_host
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cli.common import Subparsers, add_command, table
-from usarsim_server.errors import UsarsimError
 
 _EPILOG = (
     "Exit code 0 if the server said the same as the one that was recorded, but for times and "

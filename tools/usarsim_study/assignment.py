@@ -24,9 +24,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from usarsim_server.csv_files import csv_text, read_csv
-from usarsim_server.errors import at
-from usarsim_server.files import write_text
+from usarsim_server.base.csv_files import csv_text, read_csv
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import write_text
 from usarsim_study.errors import StudyError
 
 ALLOCATION = "allocation.csv"

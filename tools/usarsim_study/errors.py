@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 
 
 class StudyError(UsarsimError):

@@ -29,10 +29,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from usarsim_mission.runlog import EVENTS, SCORE, TRUTH
-from usarsim_server.files import check_links, write_text
-from usarsim_server.private import FOLDER_MODE, private
+from usarsim_server.base.files import check_links, write_text
+from usarsim_server.base.private import FOLDER_MODE, private
+from usarsim_server.base.toml import read_text
 from usarsim_server.protocol.json_text import parse_json
-from usarsim_server.toml import read_text
 from usarsim_study.assignment import ALLOCATION, Order, claim_number, new_code, read_allocation
 from usarsim_study.errors import StudyError
 from usarsim_study.measures import MEASURES, Value, compute

@@ -10,9 +10,9 @@ from usarsim_mission.scenario.check import findings
 from usarsim_mission.scenario.reader import find_mission, read_scenario
 from usarsim_mission.scenario.resolving import stage
 from usarsim_operator.impairment import read_plan
-from usarsim_server.errors import UsarsimError, at, problem_and_advice
-from usarsim_server.files import is_regular
-from usarsim_server.toml import read_text
+from usarsim_server.base.errors import UsarsimError, at, problem_and_advice
+from usarsim_server.base.files import is_regular
+from usarsim_server.base.toml import read_text
 from usarsim_study.assignment import Cell
 from usarsim_study.errors import StudyError
 from usarsim_study.lines import line_of

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from usarsim_server.csv_files import csv_text
-from usarsim_server.files import write_text
+from usarsim_server.base.csv_files import csv_text
+from usarsim_server.base.files import write_text
 from usarsim_study import plots, tables
 from usarsim_study.analysis import Analysis, Comparison, OrderEffect, Outcome, analyse
 from usarsim_study.dataset import Dataset

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Literal
 
 from usarsim_mission.scenario.policies import PRESENT_POLICIES, read_policy
-from usarsim_server.errors import at
-from usarsim_server.fields import field
-from usarsim_server.files import is_folder, is_regular
-from usarsim_server.tables import Table, nearest, suggest
-from usarsim_server.toml import parse_toml, read_text
+from usarsim_server.base.errors import at
+from usarsim_server.base.fields import field
+from usarsim_server.base.files import is_folder, is_regular
+from usarsim_server.base.tables import Table, nearest, suggest
+from usarsim_server.base.toml import parse_toml, read_text
 from usarsim_study import instruments
 from usarsim_study.assignment import ALLOCATION, Allocation, Cell, Design, Order, imbalance, orders
 from usarsim_study.errors import StudyError

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from usarsim_server.files import write_text
+from usarsim_server.base.files import write_text
 from usarsim_study.folder import FORMS, StudyFolder, append_form
 from usarsim_study.forms import FormState
 from usarsim_study.instruments import nasa_tlx

@@ -14,11 +14,11 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
-from usarsim_server.csv_files import csv_text, read_csv
-from usarsim_server.errors import at
-from usarsim_server.files import write_text
+from usarsim_server.base.csv_files import csv_text, read_csv
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import write_text
+from usarsim_server.base.toml import read_text
 from usarsim_server.protocol.json_text import parse_json
-from usarsim_server.toml import read_text
 from usarsim_study.dataset import (
     AnswerRow,
     Dataset,

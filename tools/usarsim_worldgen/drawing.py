@@ -16,9 +16,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.files import write_bytes
 from usarsim_server.cameras.encoding import encode_png
-from usarsim_server.errors import UsarsimError
-from usarsim_server.files import write_bytes
 from usarsim_server.simulation.frames import Array
 from usarsim_server.worlds.description import SmokeVolume, WorldDescription
 from usarsim_server.worlds.loader import find_world, load_world

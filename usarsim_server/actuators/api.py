@@ -27,7 +27,7 @@ from usarsim_server.actuators.effectors import (
     effector_types,
     register_effector,
 )
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 from usarsim_server.protocol.messages import gripper_item, tool_changer_item
 from usarsim_server.protocol.values import Item
 from usarsim_server.robots.description import EffectorDescription, RobotDescription

@@ -18,7 +18,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from usarsim_server.actuators.effectors import Change, Effector, Holdings, create_effectors
-from usarsim_server.logs import Log
+from usarsim_server.base.logs import Log
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.dialects import sends_results
 from usarsim_server.protocol.numbers import read_number

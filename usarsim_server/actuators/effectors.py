@@ -4,7 +4,7 @@ it.
 An effector type is one class. It says how its hand takes hold and which SET opcodes it obeys;
 lines, mounts and schedules are done once, for all of them. A new file in this package is enough to
 add a type; outside packages use the entry point group `usarsim_server.effectors` (see
-`usarsim_server.plugins`).
+`usarsim_server.base.plugins`).
 
 Here are the gripper, whose fingers close on a thing (protocol reference 3.7, 4.8, 4.9), the vacuum
 gripper, a suction cup, and the tool changer, which takes loose effectors (robots reference 1.10).
@@ -20,8 +20,8 @@ from functools import cached_property
 from typing import ClassVar
 
 import usarsim_server.actuators as package
-from usarsim_server.fields import field
-from usarsim_server.plugins import PluginTypes
+from usarsim_server.base.fields import field
+from usarsim_server.base.plugins import PluginTypes
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.numbers import read_number
 from usarsim_server.protocol.values import Item

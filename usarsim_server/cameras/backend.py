@@ -19,10 +19,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.base.children import python
+from usarsim_server.base.logs import Log
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.view import Eye
-from usarsim_server.children import python
-from usarsim_server.logs import Log
 
 NEAR = 0.12
 """m: nothing nearer is drawn, as in the original (robots reference 2.7 and 5.4 #102)."""

@@ -16,9 +16,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.logs import Log
 from usarsim_server.cameras.primitives import Described, Primitives
-from usarsim_server.errors import UsarsimError
-from usarsim_server.logs import Log
 from usarsim_server.protocol.scene import MOST_RATE, Frames, Instant, message, pose_frame
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.snapshot import Snapshot

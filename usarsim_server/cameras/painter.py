@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.logs import Log
 from usarsim_server.cameras.backend import (
     INSTALL,
     Backend,
@@ -23,8 +25,6 @@ from usarsim_server.cameras.looks import Air, brightness, reaching, shine
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.raytraced import RayBackend
 from usarsim_server.cameras.view import CameraView, Eye, View
-from usarsim_server.errors import UsarsimError
-from usarsim_server.logs import Log
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.snapshot import Snapshot

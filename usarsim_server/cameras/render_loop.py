@@ -19,12 +19,12 @@ from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.logs import Log
 from usarsim_server.cameras.board import CameraBoard
 from usarsim_server.cameras.painter import Painter, PainterOptions, check_renderer, nobody_lit
 from usarsim_server.cameras.view import CameraView, Frame, Grid, Region, View, Watch
 from usarsim_server.cameras.watching import Atlas, Watches
-from usarsim_server.errors import UsarsimError
-from usarsim_server.logs import Log
 from usarsim_server.simulation.frames import IDENTITY
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.snapshot import Snapshot

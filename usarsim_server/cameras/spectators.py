@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cameras.cutaway import find_cutaway
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.view import View, looking
-from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.frames import Array, Pose, Vector, flip_point, pose_of
 from usarsim_server.simulation.model import SHELF_NAME
 from usarsim_server.simulation.snapshot import RobotLayout

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.base.logs import Log
 from usarsim_server.cameras.view import Frame, Grid, Region
-from usarsim_server.logs import Log
 
 OnFrame = Callable[[Frame], None]
 

@@ -18,9 +18,10 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from importlib.metadata import entry_points
 
-from usarsim_server import __version__, streams
-from usarsim_server.errors import UsarsimError
-from usarsim_server.extras import missing
+from usarsim_server import __version__
+from usarsim_server.base import streams
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.extras import missing
 
 __all__ = ["GROUP", "build_parser", "main"]
 

@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, TypeAlias
 
-from usarsim_server.errors import UsarsimError, at
-from usarsim_server.files import replacing
+from usarsim_server.base.errors import UsarsimError, at
+from usarsim_server.base.files import replacing
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 """What `add_parser` of a subcommand is given."""

@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 from types import ModuleType
 
-from usarsim_server import logs
+from usarsim_server.base import logs
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.options import OPTIONS, load_settings
 from usarsim_server.services import listener

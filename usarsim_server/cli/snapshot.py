@@ -9,9 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from usarsim_server import logs
+from usarsim_server.base import logs
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cli.common import Subparsers, add_command, table, written
-from usarsim_server.errors import UsarsimError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

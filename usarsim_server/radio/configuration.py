@@ -14,11 +14,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from usarsim_server.errors import SettingsError
-from usarsim_server.fields import field
+from usarsim_server.base.errors import SettingsError
+from usarsim_server.base.fields import field
+from usarsim_server.base.tables import Table
+from usarsim_server.base.toml import read_toml
 from usarsim_server.radio.models import Propagation, create_model
-from usarsim_server.tables import Table
-from usarsim_server.toml import read_toml
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,9 +18,9 @@ from enum import StrEnum
 from pathlib import Path
 from typing import BinaryIO
 
-from usarsim_server.csv_files import CsvWriter
-from usarsim_server.errors import SettingsError, at
-from usarsim_server.logs import Log
+from usarsim_server.base.csv_files import CsvWriter
+from usarsim_server.base.errors import SettingsError, at
+from usarsim_server.base.logs import Log
 
 
 class Event(StrEnum):

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import usarsim_server.radio as package
-from usarsim_server.errors import RobotDescriptionError, SettingsError, at
-from usarsim_server.fields import field
-from usarsim_server.plugins import PluginTypes
-from usarsim_server.tables import Table
+from usarsim_server.base.errors import RobotDescriptionError, SettingsError, at
+from usarsim_server.base.fields import field
+from usarsim_server.base.plugins import PluginTypes
+from usarsim_server.base.tables import Table
 
 GROUP = "usarsim_server.propagation"
 """Entry point group for models of other packages."""

@@ -14,16 +14,16 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from usarsim_server.errors import RobotDescriptionError, at
-from usarsim_server.files import data_directory, is_folder
-from usarsim_server.logs import Log
+from usarsim_server.base.errors import RobotDescriptionError, at
+from usarsim_server.base.files import data_directory, is_folder
+from usarsim_server.base.logs import Log
+from usarsim_server.base.tables import Table
+from usarsim_server.base.toml import parse_toml, read_text, read_toml
 from usarsim_server.protocol.values import LONGEST_NAME, Dialect, clean_name
 from usarsim_server.robots import model_files
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.base import families, find_family
 from usarsim_server.robots.reading import limbs, parts
-from usarsim_server.tables import Table
-from usarsim_server.toml import parse_toml, read_text, read_toml
 
 _CLASS_NAME = re.compile(r"[A-Za-z0-9_-]+")
 _FIRST_TABLE = re.compile(r"^[ \t]*\[", re.MULTILINE)

@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
+from usarsim_server.base.tables import Table
 from usarsim_server.protocol.values import Dialect, Vector
 from usarsim_server.robots.coupling import Coefficients
 from usarsim_server.robots.keys import (
@@ -40,7 +41,6 @@ from usarsim_server.robots.keys import (
     read_axis,
 )
 from usarsim_server.simulation.frames import IDENTITY, Pose
-from usarsim_server.tables import Table
 
 if TYPE_CHECKING:
     from usarsim_server.robots.families.base import Family

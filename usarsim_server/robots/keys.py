@@ -11,9 +11,9 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+from usarsim_server.base.tables import Table, suggest
 from usarsim_server.protocol.values import Vector
 from usarsim_server.simulation.frames import Pose, flip_point, pose_from_wire
-from usarsim_server.tables import Table, suggest
 
 Color = tuple[float, float, float, float]
 

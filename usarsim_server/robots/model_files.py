@@ -17,8 +17,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from usarsim_server.errors import RobotDescriptionError, at
-from usarsim_server.files import Folders, data_directory
+from usarsim_server.base.errors import RobotDescriptionError, at
+from usarsim_server.base.files import Folders, data_directory
+from usarsim_server.base.tables import Table, suggest
 from usarsim_server.model_check import ALLOW_MODEL
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.coupling import coupled_position, moved
@@ -41,7 +42,6 @@ from usarsim_server.robots.keys import (
 from usarsim_server.robots.model_sources import ModelFile, load_model
 from usarsim_server.robots.reading.limbs import DEFAULT_SPEED, read_limits
 from usarsim_server.simulation.frames import IDENTITY, Pose
-from usarsim_server.tables import Table, suggest
 
 REST = "Joints"
 """Name of the actuator that has all joints of no package."""

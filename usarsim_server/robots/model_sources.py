@@ -11,11 +11,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from usarsim_server.errors import RobotDescriptionError, at
-from usarsim_server.files import Folders, is_regular, named, read_regular, reason
+from usarsim_server.base.errors import RobotDescriptionError, at
+from usarsim_server.base.files import Folders, is_regular, named, read_regular, reason
+from usarsim_server.base.toml import decoded
 from usarsim_server.model_check import ALLOW_MODEL, check_model
 from usarsim_server.specs import path_bytes, read_spec
-from usarsim_server.toml import decoded
 
 LARGEST_TEXT = 16 * 2**20
 """Bytes of a model file; descriptions of robots are some ten kilobytes long."""

@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.fields import keys
+from usarsim_server.base.errors import RobotDescriptionError
+from usarsim_server.base.fields import keys
+from usarsim_server.base.tables import Table
 from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription, RobotDescription
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.tables import Table
 
 HARD = "HARD"
 """Mount of everything fixed to the body in `ut2004`."""
@@ -24,8 +24,7 @@ HARD = "HARD"
 class DeclaredItem:
     """A sensor or an effector; its keys in robot files are the fields of its class.
 
-    A field made by `usarsim_server.fields.field` is read from the item's table when the item is
-    made. A subclass changes a default by a plain assignment: `max_range = 20.0`.
+    A field made by `fields.field` is read from the item's table when the item is made. A subclass changes a default by a plain assignment: `max_range = 20.0`.
 
     Attributes:
         parameters: the table, for what a declaration cannot say; what is read is known as a key.

@@ -11,7 +11,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
+from usarsim_server.base.tables import Table
 from usarsim_server.protocol.values import Vector
 from usarsim_server.robots.description import ActuatorDescription, home_pose
 from usarsim_server.robots.keys import (
@@ -24,7 +25,6 @@ from usarsim_server.robots.keys import (
 )
 from usarsim_server.robots.reading.parts import read_all
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.tables import Table
 
 SMALLEST = 1e-3
 """m: smallest radius and width."""

@@ -4,7 +4,7 @@ A sensor type is one class in one file. It says which rays it needs, turns a rob
 the ray answers into a reading, and writes the reading's data segments. Its keys in robot files are
 fields of the class. Everything around it (scheduling, heads, Time, batching, GEO) is done once, for
 all sensors, elsewhere. A new file in this package is enough to add a type; outside packages use the
-entry point group `usarsim_server.sensors` (see `usarsim_server.plugins`).
+entry point group `usarsim_server.sensors` (see `usarsim_server.base.plugins`).
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from typing import ClassVar, Self
 import numpy as np
 
 import usarsim_server.sensors as package
-from usarsim_server.fields import field
-from usarsim_server.plugins import PluginTypes
+from usarsim_server.base.fields import field
+from usarsim_server.base.plugins import PluginTypes
 from usarsim_server.protocol.numbers import fixed
 from usarsim_server.protocol.values import Dialect, Item, Segment
 from usarsim_server.robots.description import ItemDescription, RobotDescription

@@ -15,7 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 from usarsim_server.protocol.messages.text import token
 from usarsim_server.protocol.numbers import vector
 from usarsim_server.protocol.values import Dialect, Segment

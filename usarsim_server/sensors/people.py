@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 from usarsim_server.protocol.numbers import fixed, vector
 from usarsim_server.protocol.values import Dialect, Item, Segment, Vector
 from usarsim_server.robots.description import ItemDescription

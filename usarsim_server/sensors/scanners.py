@@ -14,7 +14,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
+from usarsim_server.base.tables import Table
 from usarsim_server.protocol.dialects import FACETS, announced_angle, range_digits
 from usarsim_server.protocol.numbers import boolean, fixed, ranges, vector
 from usarsim_server.protocol.values import Dialect, Segment
@@ -23,7 +24,6 @@ from usarsim_server.sensors.base import EVERYWHERE, SensorContext, register
 from usarsim_server.sensors.ranges import LightRanging, Ranging, fan_at, shared, wire_directions
 from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
-from usarsim_server.tables import Table
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 from usarsim_server.protocol.dialects import FACETS, announced_angle
 from usarsim_server.protocol.numbers import fixed
 from usarsim_server.protocol.values import Dialect, Segment

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.numbers import fixed, ranges, vector
 from usarsim_server.protocol.values import Dialect, Segment, Vector

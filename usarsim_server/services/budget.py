@@ -22,7 +22,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 
-from usarsim_server.token_bucket import Clock, TokenBucket
+from usarsim_server.base.token_bucket import Clock, TokenBucket
 
 TURN_COST = 60e-6
 """s of processor time that a turn costs beside the work in it: waking the loop, reading, sending.

@@ -17,8 +17,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from usarsim_server.errors import UsarsimError
-from usarsim_server.logs import Log
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.logs import Log
+from usarsim_server.base.token_bucket import Clock
 from usarsim_server.protocol.grammar import LineFramer
 from usarsim_server.protocol.opening import Opening
 from usarsim_server.protocol.truth import MAX_LISTING, QueryFramer
@@ -33,7 +34,6 @@ from usarsim_server.services.limits import input_cost
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.port import Guest, PortLimits, PortService, refuse
 from usarsim_server.services.replies import PIECE, ReplyBuffer
-from usarsim_server.token_bucket import Clock
 
 CHUNK = 2048
 """Bytes read at a time: at most some hundred requests, which wait here while one is answered."""

@@ -20,9 +20,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
+from usarsim_server.base.logs import Log
 from usarsim_server.cameras.encoding import Encoder
 from usarsim_server.cameras.view import Frame, FrameSource, Region
-from usarsim_server.logs import Log
 from usarsim_server.protocol.images import (
     FullFrame,
     Request,

@@ -15,8 +15,8 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 
-from usarsim_server.errors import SpawnError
-from usarsim_server.token_bucket import Clock, TokenBucket
+from usarsim_server.base.errors import SpawnError
+from usarsim_server.base.token_bucket import Clock, TokenBucket
 
 COMMAND_WORK = 100e-6
 """Processor time that a command may take, s; one that takes more counts as several. A DRIVE takes a

@@ -19,13 +19,13 @@ from collections import Counter
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
-from usarsim_server.addresses import format_address
-from usarsim_server.errors import ServiceError
-from usarsim_server.logs import Log
-from usarsim_server.processes import port_taker
+from usarsim_server.base.addresses import format_address
+from usarsim_server.base.errors import ServiceError
+from usarsim_server.base.logs import Log
+from usarsim_server.base.processes import port_taker
+from usarsim_server.base.token_bucket import TokenBucket
 from usarsim_server.services.limits import AddressBuckets
 from usarsim_server.services.silence import PATIENCE, ends_when_gone
-from usarsim_server.token_bucket import TokenBucket
 
 Handler = Callable[[socket.socket, str], Awaitable[None]]
 """Serves one client: a non-blocking socket for the `loop.sock_*` calls, and the peer `host:port`.

@@ -24,12 +24,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
-from usarsim_server.errors import ServiceError
-from usarsim_server.logs import Log
-from usarsim_server.processes import calling
+from usarsim_server.base.errors import ServiceError
+from usarsim_server.base.logs import Log
+from usarsim_server.base.processes import calling
+from usarsim_server.base.token_bucket import Clock
 from usarsim_server.services.limits import InputRates
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
-from usarsim_server.token_bucket import Clock
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

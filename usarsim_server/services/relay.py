@@ -15,8 +15,8 @@ from collections.abc import Callable, Collection, Coroutine
 from dataclasses import dataclass, field
 from functools import partial
 
-from usarsim_server.errors import UsarsimError
-from usarsim_server.logs import Log
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.logs import Log
 from usarsim_server.radio.configuration import LinkClock, LinkShape
 from usarsim_server.radio.network import Network
 from usarsim_server.services.budget import BYTE_COST, Account, WorkBudget

@@ -11,7 +11,7 @@ import contextlib
 import socket
 from typing import Protocol
 
-from usarsim_server.logs import Log
+from usarsim_server.base.logs import Log
 from usarsim_server.services.listener import OUT_OF_RESOURCES, RESOURCE_PAUSE, set_buffers, tune
 from usarsim_server.services.relay import (
     KERNEL_BUFFER,

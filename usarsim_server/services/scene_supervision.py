@@ -17,7 +17,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.protocol.scene import SceneError, message, read_number, read_text
 from usarsim_server.services.scene_channels import Channel, Subscriber
 from usarsim_server.services.scene_port import Request

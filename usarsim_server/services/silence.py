@@ -24,7 +24,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Self
 
-from usarsim_server.logs import Log
+from usarsim_server.base.logs import Log
 
 GONE = "its machine does not answer any more"
 """Why such a connection ends."""

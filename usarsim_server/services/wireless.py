@@ -15,8 +15,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 
-from usarsim_server.errors import UsarsimError
-from usarsim_server.logs import Log
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.logs import Log
 from usarsim_server.protocol import wireless
 from usarsim_server.protocol.grammar import LineFramer
 from usarsim_server.protocol.opening import Opening

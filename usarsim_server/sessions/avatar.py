@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from usarsim_server.logs import Log
+from usarsim_server.base.logs import Log
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.requests import Goto, Move, Request
 from usarsim_server.protocol.values import Dialect, near

@@ -13,8 +13,8 @@ import ipaddress
 import math
 from collections.abc import Callable, Sequence
 
+from usarsim_server.base.logs import Log
 from usarsim_server.cameras.board import CameraBoard
-from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.dialects import FACETS, sends_results
 from usarsim_server.protocol.messages import CameraItem, SensorMount

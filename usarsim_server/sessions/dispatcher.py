@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from usarsim_server.logs import Log
+from usarsim_server.base.logs import Log
 from usarsim_server.protocol.messages import encode_all
 from usarsim_server.sessions.session import Session
 from usarsim_server.simulation.rays.query import PendingReport, RayHits

@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from usarsim_server.logs import Log
+from usarsim_server.base.logs import Log
 from usarsim_server.protocol.grammar import Command
 from usarsim_server.sessions.outbox import Outbox
 from usarsim_server.sessions.robot_role import RobotRole

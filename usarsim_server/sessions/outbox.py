@@ -19,7 +19,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from usarsim_server.token_bucket import TokenBucket
+from usarsim_server.base.token_bucket import TokenBucket
 
 LINE_BYTES = 144
 """Memory of a line that waits in an outbox beside its characters."""

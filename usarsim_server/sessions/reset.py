@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from usarsim_server.errors import SpawnError
+from usarsim_server.base.errors import SpawnError
 from usarsim_server.sessions.roles import Roles
 from usarsim_server.sessions.session import Session
 from usarsim_server.worlds.surroundings import Surroundings

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from usarsim_server.actuators.articulation import Articulation
-from usarsim_server.logs import Log
+from usarsim_server.base.logs import Log
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.dialects import FACETS, limb_periods, sends_results
 from usarsim_server.protocol.requests import (

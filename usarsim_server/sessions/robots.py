@@ -15,9 +15,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from usarsim_server.actuators.effectors import Effector, create_effectors
+from usarsim_server.base.logs import Log
 from usarsim_server.cameras.board import CameraBoard
 from usarsim_server.cameras.view import Grid
-from usarsim_server.logs import Log
 from usarsim_server.protocol.values import name_key
 from usarsim_server.radio.network import Station
 from usarsim_server.robots.catalog import RobotCatalog

@@ -9,8 +9,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from usarsim_server.errors import SpawnError
-from usarsim_server.logs import Log
+from usarsim_server.base.errors import SpawnError
+from usarsim_server.base.logs import Log
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.dialects import DialectMode
 from usarsim_server.protocol.requests import GetClosestPathNode, GetPathNodes, GetStartPoses, Init

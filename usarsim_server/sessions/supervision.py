@@ -11,8 +11,8 @@ import threading
 from collections.abc import Callable, Iterable
 from functools import partial
 
-from usarsim_server.errors import UsarsimError
-from usarsim_server.logs import Log
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.logs import Log
 from usarsim_server.protocol import explanation
 from usarsim_server.protocol.grammar import parse_line
 from usarsim_server.protocol.requests import Drive

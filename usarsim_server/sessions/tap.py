@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from usarsim_server.logs import overheard
+from usarsim_server.base.logs import overheard
 from usarsim_server.protocol import explanation
 from usarsim_server.protocol.grammar import Command
 from usarsim_server.protocol.requests import Drive, Ignored, Request

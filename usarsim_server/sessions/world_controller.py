@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from usarsim_server.errors import UsarsimError
-from usarsim_server.logs import Log
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.logs import Log
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.numbers import read_bool, read_number, read_triple
 from usarsim_server.protocol.requests import Control, Request

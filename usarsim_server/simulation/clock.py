@@ -27,7 +27,7 @@ from dataclasses import dataclass
 from operator import attrgetter, methodcaller
 from typing import Protocol
 
-from usarsim_server.logs import Log
+from usarsim_server.base.logs import Log
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.mailbox import Mailbox
 from usarsim_server.simulation.pace import Pacer, Patience

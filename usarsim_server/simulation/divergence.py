@@ -13,7 +13,7 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.simulation.parts import Parts
 
 SPEED_LIMIT = 1000.0

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.logs import Log
+from usarsim_server.base.logs import Log
 from usarsim_server.simulation.articulation import JointOrder
 from usarsim_server.simulation.divergence import Before, culprits, is_sound
 from usarsim_server.simulation.frames import Pose, pose_of

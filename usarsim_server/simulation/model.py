@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.simulation.articulation import HandModel, JointModel, ToolModel, add_ties
 from usarsim_server.simulation.frames import Pose, pose_of
 from usarsim_server.simulation.ground import Surface

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from usarsim_server.logs import Log
+from usarsim_server.base.logs import Log
 
 MAX_LAG = 0.1
 """s of wall time that may be caught up; what is later than that is given up."""

@@ -16,8 +16,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.errors import SpawnError
-from usarsim_server.logs import Log
+from usarsim_server.base.errors import SpawnError
+from usarsim_server.base.logs import Log
 from usarsim_server.simulation.frames import Array, Pose, Vector, around
 from usarsim_server.simulation.mailbox import yield_interpreter
 from usarsim_server.simulation.model import SHELF_HEIGHT, CompiledWorld, put, root_qpos

@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.logs import Log
+from usarsim_server.base.logs import Log
 from usarsim_server.simulation.articulation import JointOrder
 from usarsim_server.simulation.clock import ClockOptions, Listener, Stepper, Witness
 from usarsim_server.simulation.divergence import SPEED_LIMIT

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from typing import TypeVar
 from weakref import WeakKeyDictionary
 
-from usarsim_server.errors import SpawnError, UsarsimError
-from usarsim_server.logs import Log
+from usarsim_server.base.errors import SpawnError, UsarsimError
+from usarsim_server.base.logs import Log
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.growth import Growth, shortage, trim

@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Self
 
 from usarsim_server.app import Assembly, assemble
-from usarsim_server.children import python
+from usarsim_server.base.children import python
 from usarsim_server.options import OPTIONS
 from usarsim_server.protocol.grammar import LineFramer, parse_line
 from usarsim_server.services.listener import Endpoint

@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 
 from usarsim_server import app
-from usarsim_server.files import data_directory
+from usarsim_server.base.files import data_directory
 from usarsim_server.robots import catalog
 from usarsim_server.robots.catalog import Library, RobotCatalog, RobotFile, load_catalog
 from usarsim_server.simulation import simulation

@@ -15,8 +15,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from usarsim_server.errors import UsarsimError
-from usarsim_server.logs import Log
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.logs import Log
 from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.truth.rows import Being, Moment, TruthRows, victim_of

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from dataclasses import field as plain_field
 from pathlib import Path
 
-from usarsim_server.errors import SpawnError
-from usarsim_server.fields import field
-from usarsim_server.logs import Log
+from usarsim_server.base.errors import SpawnError
+from usarsim_server.base.fields import field
+from usarsim_server.base.logs import Log
+from usarsim_server.base.tables import Table
 from usarsim_server.protocol.values import clean_name, free_name, name_key, taken
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy, wire_from_pose
 from usarsim_server.simulation.ground import Surface
-from usarsim_server.tables import Table
 from usarsim_server.worlds.machinery.machinery import Machinery, read_heading
 from usarsim_server.worlds.polygons import Corner
 

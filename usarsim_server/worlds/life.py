@@ -11,10 +11,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from usarsim_server.errors import WorldError
-from usarsim_server.fields import field
+from usarsim_server.base.errors import WorldError
+from usarsim_server.base.fields import field
+from usarsim_server.base.tables import Table
 from usarsim_server.simulation.frames import Vector
-from usarsim_server.tables import Table
 from usarsim_server.worlds.description import (
     MAX_LOUDNESS,
     MAX_TAG_ID,

@@ -15,12 +15,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
-from usarsim_server import errors
-from usarsim_server.errors import WorldError
-from usarsim_server.files import COPY, Folders, data_directory, is_regular
+from usarsim_server.base import errors
+from usarsim_server.base.errors import WorldError
+from usarsim_server.base.files import COPY, Folders, data_directory, is_regular
+from usarsim_server.base.tables import Table
+from usarsim_server.base.toml import read_toml
 from usarsim_server.simulation.frames import flip_point
-from usarsim_server.tables import Table
-from usarsim_server.toml import read_toml
 from usarsim_server.worlds.description import (
     LOWER,
     UPPER,

@@ -9,9 +9,9 @@ import mapbox_earcut
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.fields import Limits
+from usarsim_server.base.fields import Limits
+from usarsim_server.base.tables import Table, finite
 from usarsim_server.simulation.frames import Array
-from usarsim_server.tables import Table, finite
 
 Corner = tuple[float, float]
 Polygon = Sequence[Corner]

@@ -7,10 +7,10 @@ import re
 
 import mujoco
 
-from usarsim_server import errors
-from usarsim_server.errors import WorldError
-from usarsim_server.files import Folders, data_directory, read_regular
-from usarsim_server.logs import Log
+from usarsim_server.base import errors
+from usarsim_server.base.errors import WorldError
+from usarsim_server.base.files import Folders, data_directory, read_regular
+from usarsim_server.base.logs import Log
 from usarsim_server.model_check import check_model
 from usarsim_server.simulation.ground import Surface
 from usarsim_server.simulation.motion_laws import add_bounds

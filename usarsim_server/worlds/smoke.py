@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from usarsim_server.base.tables import Table
 from usarsim_server.simulation.frames import Array
 from usarsim_server.simulation.ground import Surface
-from usarsim_server.tables import Table
 from usarsim_server.worlds.description import Haze, Smoke, SmokePuff, SmokeVolume
 
 NOZZLE = 0.25

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 
 import mujoco
 
-from usarsim_server.files import named, read_regular
+from usarsim_server.base.files import named, read_regular
 from usarsim_server.simulation.raw import understood
 from usarsim_server.simulation.splice import FixedPart
 from usarsim_server.specs import read_spec, text_bytes

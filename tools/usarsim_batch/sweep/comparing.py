@@ -8,8 +8,8 @@ from pathlib import Path
 from usarsim_batch.errors import BatchError
 from usarsim_batch.folder import RUNS, read_run
 from usarsim_batch.tasks import Played, differences
-from usarsim_server.errors import at
-from usarsim_server.files import check_links
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import check_links
 
 
 def compare(one: Path, other: Path) -> int:

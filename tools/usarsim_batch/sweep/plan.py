@@ -28,12 +28,12 @@ from typing import Any
 
 from usarsim_batch.errors import BatchError
 from usarsim_batch.tasks import Row
-from usarsim_server.errors import UsarsimError, problem_and_advice
-from usarsim_server.fields import field
-from usarsim_server.files import read_regular
+from usarsim_server.base.errors import UsarsimError, problem_and_advice
+from usarsim_server.base.fields import field
+from usarsim_server.base.files import read_regular
+from usarsim_server.base.tables import Table, shown, suggest
+from usarsim_server.base.toml import read_toml
 from usarsim_server.options import OPTIONS, load_settings
-from usarsim_server.tables import Table, shown, suggest
-from usarsim_server.toml import read_toml
 
 MOST = 1_000_000
 """Runs of a sweep."""

@@ -19,9 +19,9 @@ from usarsim_batch.sweep.plan import PLACE, SweepTask
 from usarsim_batch.tasks import Played, failed, provenance
 from usarsim_client.inbox import HangupError
 from usarsim_client.scene import LiveScene, connect_scene
-from usarsim_server.children import python
-from usarsim_server.errors import UsarsimError
-from usarsim_server.files import check_links, reason
+from usarsim_server.base.children import python
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.files import check_links, reason
 from usarsim_server.protocol.json_text import parse_json
 
 RESULT = "result.json"

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from usarsim_batch.progress import span
 from usarsim_batch.tasks import Played, Row
-from usarsim_server.csv_files import csv_text
+from usarsim_server.base.csv_files import csv_text
 
 RESULTS = "results.csv"
 

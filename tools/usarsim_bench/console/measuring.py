@@ -13,8 +13,8 @@ from usarsim_bench.console.browser import chromium
 from usarsim_bench.console.gateway import Rig
 from usarsim_bench.figures import Figure, Plan, Section
 from usarsim_bench.server import BenchError
-from usarsim_server.extras import need
-from usarsim_server.processes import calling
+from usarsim_server.base.extras import need
+from usarsim_server.base.processes import calling
 
 ROBOTS = 16
 GRACE = 20.0

@@ -16,8 +16,8 @@ from usarsim_bench.fidelity.results import ANY, Band, Result, as_json, as_markdo
 from usarsim_bench.fidelity.stage import StageError
 from usarsim_bench.fidelity.table import TRIALS, Trial
 from usarsim_bench.fidelity.workshop import Workshop
+from usarsim_server.base.errors import UsarsimError, at
 from usarsim_server.cli.common import written
-from usarsim_server.errors import UsarsimError, at
 
 TIMESTEPS = (0.001, 0.002, 0.004, 0.005)
 """s: the time steps that have to agree."""

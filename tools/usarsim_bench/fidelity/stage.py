@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from usarsim_doctor.test_drive import ContactProbe
-from usarsim_server.logs import ROOT
+from usarsim_server.base.logs import ROOT
 from usarsim_server.simulation.frames import (
     Pose,
     rpy_from_quaternion,

@@ -23,7 +23,7 @@ from usarsim_bench.hostile.scene_attacks import SCENE_ATTACKS
 from usarsim_bench.hostile.side_attacks import SIDE_ATTACKS
 from usarsim_bench.hostile.web_attacks import WEB_ATTACKS
 from usarsim_bench.server import BenchError, CarefulClosing
-from usarsim_server.children import python
+from usarsim_server.base.children import python
 from usarsim_server.protocol.json_text import parse_json
 
 ATTACKS: Mapping[str, Attack] = {

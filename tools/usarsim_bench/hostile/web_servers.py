@@ -18,7 +18,7 @@ from pathlib import Path
 from usarsim_bench.hostile.attack import MIB
 from usarsim_bench.hostile.web_attacks import TOKENS
 from usarsim_bench.server import BenchError, CarefulClosing, Program
-from usarsim_server.extras import need
+from usarsim_server.base.extras import need
 
 MOST_GROWTH = 64 * MIB
 """Bytes by which the memory of each may grow."""

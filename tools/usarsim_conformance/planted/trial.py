@@ -22,9 +22,9 @@ from usarsim_conformance.planted.faults import Edit, Fault
 from usarsim_conformance.registry import Failed, Result, Verdict, all_checks
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.survey import Target
-from usarsim_server.children import safe_pool
+from usarsim_server.base.children import safe_pool
 
-_DATA = "usarsim_server/files.py"
+_DATA = "usarsim_server/base/files.py"
 """Finds robots and worlds from where it lies, so it is copied and not linked."""
 
 

@@ -20,8 +20,8 @@ import usarsim_server
 from usarsim_doctor.isolation import Outcome, attempt, pip, root
 from usarsim_doctor.registry import Context, Finding, Mark, check
 from usarsim_server import __version__
-from usarsim_server.errors import UsarsimError, problem_and_advice
-from usarsim_server.files import data_directory
+from usarsim_server.base.errors import UsarsimError, problem_and_advice
+from usarsim_server.base.files import data_directory
 from usarsim_server.settings import Settings
 
 if TYPE_CHECKING:

@@ -20,9 +20,9 @@ from pathlib import Path
 
 from usarsim_doctor.isolation import pip, root
 from usarsim_doctor.registry import Context, Finding, Mark, check
-from usarsim_server.errors import ServiceError, problem_and_advice
+from usarsim_server.base.errors import ServiceError, problem_and_advice
+from usarsim_server.base.processes import PROC, Process, name, port_taker
 from usarsim_server.options import OPTIONS, Option
-from usarsim_server.processes import PROC, Process, name, port_taker
 from usarsim_server.services.listener import Endpoint, Listener
 
 CGROUP = Path("/sys/fs/cgroup")

@@ -25,11 +25,11 @@ from usarsim_exploration import scenario
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.scenario import Content, Scenario
 from usarsim_exploration.teams import Team
-from usarsim_server.errors import UsarsimError, at
-from usarsim_server.fields import Parse, field, keys
-from usarsim_server.files import read_regular
-from usarsim_server.tables import Table, shown, suggest
-from usarsim_server.toml import read_toml
+from usarsim_server.base.errors import UsarsimError, at
+from usarsim_server.base.fields import Parse, field, keys
+from usarsim_server.base.files import read_regular
+from usarsim_server.base.tables import Table, shown, suggest
+from usarsim_server.base.toml import read_toml
 
 MOST = 1_000_000
 """Runs of a batch."""

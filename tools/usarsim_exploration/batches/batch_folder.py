@@ -12,8 +12,8 @@ from usarsim_batch.tasks import Row
 from usarsim_exploration.batches.batch_file import Job
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.timing import PHASES
-from usarsim_server.csv_files import CsvWriter
-from usarsim_server.errors import at
+from usarsim_server.base.csv_files import CsvWriter
+from usarsim_server.base.errors import at
 
 FORMAT = "usarsim-explore-batch/1"
 TIMING = "timing.csv"

@@ -14,7 +14,7 @@ from usarsim_exploration.measures import measure
 from usarsim_exploration.run_folder import rounded
 from usarsim_exploration.running import Run
 from usarsim_exploration.timing import PHASES, Watch
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 
 EVERY = 5
 """Steps between two points of a curve."""

@@ -15,8 +15,8 @@ from usarsim_exploration.batches.batch_folder import key_of
 from usarsim_exploration.batches.playing import play
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.rules import OLDEST
-from usarsim_server.errors import at
-from usarsim_server.tables import suggest
+from usarsim_server.base.errors import at
+from usarsim_server.base.tables import suggest
 
 
 class Verification:

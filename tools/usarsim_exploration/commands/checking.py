@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
     from usarsim_exploration.errors import ExplorationError
     from usarsim_exploration.strategy import create_strategy
     from usarsim_exploration.strategy_file import load_strategy, split
-    from usarsim_server.tables import Table
+    from usarsim_server.base.tables import Table
 
     table = Table({}, "STRATEGY", ExplorationError)
     file = split(arguments.strategy)

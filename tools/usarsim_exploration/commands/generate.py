@@ -24,7 +24,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def _help(name: str) -> str:
     from usarsim_exploration.worlds.generators import Shape
-    from usarsim_server.fields import keys
+    from usarsim_server.base.fields import keys
 
     key = next(one for one in keys(Shape) if one.name == name)
     return f"{key.help}, {key.wanted} (default {key.default()})"
@@ -34,8 +34,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Make, write, and say what it is."""
     from usarsim_exploration.worlds.catalogue import Recipe
     from usarsim_exploration.worlds.generators import KINDS, Shape
-    from usarsim_server.errors import SettingsError, at
-    from usarsim_server.tables import Table, suggest
+    from usarsim_server.base.errors import SettingsError, at
+    from usarsim_server.base.tables import Table, suggest
 
     kind = arguments.kind
     if kind not in KINDS:

@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     from usarsim_exploration.mresim.team import read_team
     from usarsim_exploration.scenario import read
     from usarsim_exploration.timing import Watch
-    from usarsim_server.errors import UsarsimError, at
+    from usarsim_server.base.errors import UsarsimError, at
 
     file: Path = arguments.file
     frontier = Settings(strategy="FrontierExploration", keep_assigning=True)

@@ -31,15 +31,15 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         UsarsimError: results are missing or damaged, or what judges them is not installed.
     """
-    from usarsim_server.extras import need
+    from usarsim_server.base.extras import need
 
     need("scipy", "matplotlib", extra="exploration", asker="the report")
     from usarsim_exploration import run_folder
     from usarsim_exploration.errors import ExplorationError
     from usarsim_exploration.reporting import report
     from usarsim_exploration.reporting.runs import read
-    from usarsim_server.errors import at
-    from usarsim_server.files import reason
+    from usarsim_server.base.errors import at
+    from usarsim_server.base.files import reason
 
     sources = read(arguments.folders)
     run_folder.prepare(arguments.out)

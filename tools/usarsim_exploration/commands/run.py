@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from usarsim_exploration.commands.show import can_serve, serve
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cli.common import Subparsers, add_command
-from usarsim_server.errors import UsarsimError
 
 if TYPE_CHECKING:
     from usarsim_exploration.running import Run
@@ -79,7 +79,7 @@ def options_of(arguments: argparse.Namespace) -> list[str]:
 
 
 def _quoted(text: str) -> str:
-    from usarsim_server.toml import toml_text
+    from usarsim_server.base.toml import toml_text
 
     return toml_text({"name": text}).removeprefix("name = ").strip()
 

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from usarsim_exploration.run_code import add_run_code
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cli.common import Subparsers, add_command
-from usarsim_server.errors import UsarsimError
 
 if TYPE_CHECKING:
     from usarsim_exploration.showing.tape import Tape
@@ -105,7 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from usarsim_exploration.showing import films
     from usarsim_exploration.showing.picture import overlays_of
-    from usarsim_server.extras import need
+    from usarsim_server.base.extras import need
 
     if arguments.browser == (arguments.out is not None):
         cure = "FILE.png, FILE.mp4, FILE.gif or a folder"

@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Print one line per environment."""
     from usarsim_exploration import worlds
     from usarsim_exploration.worlds.pictures import Rules
-    from usarsim_server.errors import SettingsError
+    from usarsim_server.base.errors import SettingsError
 
     if arguments.out and not arguments.world:
         raise SettingsError("--out: no world is named (cure: usarsim explore worlds WORLD --out)")

@@ -24,7 +24,7 @@ from usarsim_exploration.levels.rover import disc_cells
 from usarsim_exploration.localisation.poses import wrap
 from usarsim_exploration.planning import Path
 from usarsim_exploration.walking import through
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 if TYPE_CHECKING:
     from usarsim_exploration.cycle import Body, Cycle

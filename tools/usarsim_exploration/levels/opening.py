@@ -7,8 +7,8 @@ from usarsim_exploration.levels.rover import Place
 from usarsim_exploration.levels.server import ServerLevel
 from usarsim_exploration.levels.serving import OwnServer
 from usarsim_exploration.scenario import Scenario
-from usarsim_server.addresses import bare_host
-from usarsim_server.errors import at
+from usarsim_server.base.addresses import bare_host
+from usarsim_server.base.errors import at
 
 
 def open_level(scenario: Scenario, connect: str = "") -> ServerLevel:

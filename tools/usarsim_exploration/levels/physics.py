@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from usarsim_exploration.localisation import Mode
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 
 @dataclass(frozen=True)

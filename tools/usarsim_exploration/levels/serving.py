@@ -16,8 +16,8 @@ from usarsim_exploration.radio.families.path_loss import PathLoss
 from usarsim_exploration.radio.families.ranges import Circle, Sight
 from usarsim_exploration.worlds import World
 from usarsim_exploration.worlds.physics import write_world
-from usarsim_server.children import python
-from usarsim_server.toml import toml_text
+from usarsim_server.base.children import python
+from usarsim_server.base.toml import toml_text
 
 ROBOTS = Path(__file__).parent / "robots"
 """Folder with the robots of explorations, for `usarsim serve --robots`."""

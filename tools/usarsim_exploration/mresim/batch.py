@@ -11,10 +11,10 @@ from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.mresim.settings import Settings
 from usarsim_exploration.mresim.team import read_team
 from usarsim_exploration.scenario import Content
-from usarsim_server.errors import at
+from usarsim_server.base.errors import at
+from usarsim_server.base.tables import Table
+from usarsim_server.base.toml import read_text
 from usarsim_server.protocol.json_text import parse_json
-from usarsim_server.tables import Table
-from usarsim_server.toml import read_text
 
 _BASICS = {
     "greedy": ("FrontierExploration", "ReturnWhenComplete"),

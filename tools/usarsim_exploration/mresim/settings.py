@@ -9,10 +9,10 @@ from typing import Literal
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.scenario import Content
 from usarsim_exploration.strategy import TYPES
-from usarsim_server.errors import at
-from usarsim_server.fields import keys
-from usarsim_server.tables import suggest
-from usarsim_server.toml import read_text
+from usarsim_server.base.errors import at
+from usarsim_server.base.fields import keys
+from usarsim_server.base.tables import suggest
+from usarsim_server.base.toml import read_text
 
 LENGTHS = (18, 28)
 """Lines of the two forms; both are read alike, what is missing at the end has its default."""

@@ -8,9 +8,9 @@ from pathlib import Path
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.scenario import Content
 from usarsim_exploration.teams import MOST, NOBODY
-from usarsim_server.errors import at
-from usarsim_server.tables import suggest
-from usarsim_server.toml import read_text
+from usarsim_server.base.errors import at
+from usarsim_server.base.tables import suggest
+from usarsim_server.base.toml import read_text
 
 FIELDS = (
     "number", "name", "x", "y", "heading", "sensing range", "radio range", "battery", "role",

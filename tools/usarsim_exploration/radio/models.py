@@ -18,9 +18,9 @@ import usarsim_exploration.radio.families as package
 from usarsim_exploration.environment import Cell, Environment
 from usarsim_exploration.kernels import crossings
 from usarsim_exploration.messages import FRAME
-from usarsim_server.fields import field
-from usarsim_server.plugins import PluginTypes
-from usarsim_server.tables import Table
+from usarsim_server.base.fields import field
+from usarsim_server.base.plugins import PluginTypes
+from usarsim_server.base.tables import Table
 
 GROUP = "usarsim.radios"
 """Entry point group for models of other packages."""

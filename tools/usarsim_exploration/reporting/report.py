@@ -26,7 +26,7 @@ from usarsim_exploration.reporting.comparison import (
 from usarsim_exploration.reporting.ranking import ALPHA, Pair
 from usarsim_exploration.reporting.runs import Run, Source
 from usarsim_exploration.reporting.survival import log_rank
-from usarsim_server.files import write_text
+from usarsim_server.base.files import write_text
 from usarsim_study.page import Page
 from usarsim_study.wording import NONE, interval, number, p_told, p_value, span
 

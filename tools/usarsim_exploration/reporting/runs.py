@@ -27,11 +27,11 @@ from usarsim_exploration.log_files import read_shares
 from usarsim_exploration.reporting.survival import Time
 from usarsim_exploration.run_folder import FORMAT as RUN_FORMAT
 from usarsim_exploration.run_folder import RUN
-from usarsim_server.csv_files import read_csv
-from usarsim_server.errors import at
-from usarsim_server.files import check_links, is_folder, is_regular, read_regular, reason
+from usarsim_server.base.csv_files import read_csv
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import check_links, is_folder, is_regular, read_regular, reason
+from usarsim_server.base.tables import Table, finite
 from usarsim_server.protocol.json_text import parse_json
-from usarsim_server.tables import Table, finite
 
 _LARGEST = 1 << 30
 """Bytes of a file of results; those of 3,840 runs have some 50 million."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from usarsim_exploration.measures import MEASURES
 from usarsim_exploration.reporting.comparison import GOALS, Cell, Comparison, title
 from usarsim_exploration.reporting.runs import Setting
-from usarsim_server.csv_files import csv_text
+from usarsim_server.base.csv_files import csv_text
 from usarsim_study.tables import Cellular
 from usarsim_study.wording import number
 

@@ -13,9 +13,9 @@ from usarsim_exploration.showing.overlays import DEFAULT
 from usarsim_exploration.showing.picture import draw, png
 from usarsim_exploration.showing.tape import Tape
 from usarsim_film.writing import KINDS, Frame, write_film
-from usarsim_server.errors import UsarsimError, at
-from usarsim_server.files import reason, write_bytes
-from usarsim_server.processes import calling
+from usarsim_server.base.errors import UsarsimError, at
+from usarsim_server.base.files import reason, write_bytes
+from usarsim_server.base.processes import calling
 
 PICTURE = ".png"
 FPS = 20.0

@@ -11,7 +11,7 @@ from usarsim_exploration.exploring import Seeker
 from usarsim_exploration.frontiers import Frontier, frontiers_of
 from usarsim_exploration.mresim import planning
 from usarsim_exploration.strategy import View, register
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 
 @register("frontier")

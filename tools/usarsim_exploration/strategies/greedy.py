@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from usarsim_exploration.bidding import Aim
 from usarsim_exploration.exploring import Seeker
 from usarsim_exploration.strategy import View, register
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 
 @register("greedy")

@@ -29,7 +29,7 @@ from usarsim_exploration.strategy import (
     straight,
 )
 from usarsim_exploration.tether import leading, links, sees_base, turn_to_base
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 NEWS = 1.05
 """So many times the free cells have to be known until what was beyond the chain is asked again."""

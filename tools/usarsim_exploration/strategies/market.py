@@ -18,7 +18,7 @@ from usarsim_exploration.bidding import Aim
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.exploring import Seeker
 from usarsim_exploration.strategy import Letter, View, register, straight
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 Bids = Mapping[Cell, float]
 """What the way to each frontier costs a robot, cells."""

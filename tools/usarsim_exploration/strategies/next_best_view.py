@@ -17,7 +17,7 @@ from usarsim_exploration.bidding import Aim
 from usarsim_exploration.exploring import Seeker
 from usarsim_exploration.gain import Outlook
 from usarsim_exploration.strategy import View, register
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 
 @register("next-best-view")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from usarsim_exploration.exploring import way_to
 from usarsim_exploration.strategies.frontier import FrontierStrategy
 from usarsim_exploration.strategy import BASE, Plan, View, register
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 
 @dataclass

@@ -12,7 +12,7 @@ from usarsim_exploration.frontiers import find_frontiers, passages
 from usarsim_exploration.strategy import Plan, Strategy, View, register
 from usarsim_exploration.walking import CLEAR, stroll
 from usarsim_exploration.walking import draw_turn as draw_turn
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 
 @register("random-walk")

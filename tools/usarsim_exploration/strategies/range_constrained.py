@@ -30,7 +30,7 @@ from usarsim_exploration.strategy import (
     straight,
 )
 from usarsim_exploration.tether import held, leading, sees_base, turn_to_base
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 SLACK = 2.0
 """Cells by which links of places for relays are shorter than those that are counted upon: what is

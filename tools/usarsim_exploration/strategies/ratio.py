@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from usarsim_exploration.known_map import AT_BASE, FREE, RELAYED, KnownMap
 from usarsim_exploration.strategies.periodic import Returning
 from usarsim_exploration.strategy import BASE, Letter, View, register
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 REFRESH = 8
 """Steps after which the way to the base is measured again (exploration 12.3)."""

@@ -28,7 +28,7 @@ from usarsim_exploration.strategy import (
     straight,
 )
 from usarsim_exploration.switching import Switching
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 State = Literal[
     "initial", "explore", "give-parent-info", "return-to-parent", "wait-for-parent",

@@ -19,7 +19,7 @@ from usarsim_exploration.exploring import way_to
 from usarsim_exploration.rendezvous import ranked
 from usarsim_exploration.strategies.frontier import FrontierStrategy
 from usarsim_exploration.strategy import BASE, Letter, Plan, View, register, straight
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 State = Literal["explore", "go-to-meeting", "wait-at-meeting", "deliver", "return"]
 

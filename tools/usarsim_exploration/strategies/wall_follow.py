@@ -18,7 +18,7 @@ from usarsim_exploration.exploring import Seeker
 from usarsim_exploration.planning import Path
 from usarsim_exploration.strategy import Plan, View, register
 from usarsim_exploration.walking import Surroundings
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 MOVES = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
 """Clockwise from the right, so that a move's number is its heading in eighths of a turn."""

@@ -8,9 +8,9 @@ from pathlib import Path
 from usarsim_exploration.worlds.catalogue import SHIPPED
 from usarsim_exploration.worlds.pictures import MAP_SERVERS, PICTURES, Rules, load_world
 from usarsim_exploration.worlds.world import World
-from usarsim_server.errors import WorldError, at
-from usarsim_server.files import is_regular
-from usarsim_server.tables import suggest
+from usarsim_server.base.errors import WorldError, at
+from usarsim_server.base.files import is_regular
+from usarsim_server.base.tables import suggest
 
 _DEFAULT = Rules()
 

@@ -12,7 +12,7 @@ from usarsim_exploration.environment import Cell
 from usarsim_exploration.worlds.slicing import EXTRA
 from usarsim_exploration.worlds.world import World
 from usarsim_maps.grids.grid import rectangles
-from usarsim_server.files import write_text
+from usarsim_server.base.files import write_text
 from usarsim_server.worlds.loader import SCENE, SHEET
 from usarsim_worldgen import furniture
 from usarsim_worldgen.mjcf import Scene

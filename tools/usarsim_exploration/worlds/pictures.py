@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from usarsim_exploration.environment import Environment
 from usarsim_exploration.worlds.world import World, scale_of, settle
 from usarsim_maps.files import open_picture
-from usarsim_server.errors import WorldError, at
-from usarsim_server.files import Folders, replacing, write_text
+from usarsim_server.base.errors import WorldError, at
+from usarsim_server.base.files import Folders, replacing, write_text
 
 if TYPE_CHECKING:
     from usarsim_maps.grids.occupancy import GridMap

@@ -15,7 +15,7 @@ from usarsim_exploration.environment import Cell, Environment
 from usarsim_exploration.kernels import flood
 from usarsim_exploration.kernels.steps import EVERYWHERE
 from usarsim_maps.grids.inside import largest_part
-from usarsim_server.errors import WorldError, at
+from usarsim_server.base.errors import WorldError, at
 
 Draw = Literal["drawn", "drawn at a wall", "drawn in the open"]
 DRAWS: tuple[Draw, ...] = get_args(Draw)

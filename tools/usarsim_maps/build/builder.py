@@ -40,7 +40,7 @@ from usarsim_maps.build.objects import ObjectBuilder, materials_of_objects
 from usarsim_maps.build.sheet import Entry, NameBook, smoke_tables, write_sheet
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Array, Scene
-from usarsim_server.errors import MapImportError, at, plain
+from usarsim_server.base.errors import MapImportError, at, plain
 from usarsim_server.world_cost import LARGE, LIMITS, WorldLimits, check_cost
 from usarsim_server.worlds.description import NamedObject
 

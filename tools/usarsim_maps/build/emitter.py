@@ -28,7 +28,7 @@ from usarsim_maps.build.pieces import (
 )
 from usarsim_maps.build.sheet import safe
 from usarsim_maps.scene import Array
-from usarsim_server.errors import plain
+from usarsim_server.base.errors import plain
 from usarsim_server.simulation.frames import IDENTITY, Pose
 from usarsim_server.world_cost import SOLID, WorldCost, most_pieces, owners_in
 

@@ -31,7 +31,7 @@ from usarsim_maps.scene import (
     Solidity,
 )
 from usarsim_maps.units import matrix_of_pose
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 
 SMALLEST, LARGEST = 1.0, 2000.0
 """m: extents of a map that can be true where its scale is assumed (worlds reference 11)."""

@@ -18,7 +18,7 @@ from usarsim_maps.build.extent import bounds_of_object
 from usarsim_maps.build.sheet import Entry, NameBook, rotation, safe
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Array, LightKind, Scene
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy, rpy_from_quaternion
 from usarsim_server.simulation.raw import changeable
 from usarsim_server.specs import read_spec

@@ -14,8 +14,8 @@ from usarsim_maps.build.sheet import NameBook
 from usarsim_maps.files import open_picture
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import NEUTRAL, Color, Material
-from usarsim_server.errors import MapImportError
-from usarsim_server.files import is_regular
+from usarsim_server.base.errors import MapImportError
+from usarsim_server.base.files import is_regular
 
 LARGEST = 2048
 """Pixels along the longer side of a picture."""

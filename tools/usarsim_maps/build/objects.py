@@ -29,7 +29,7 @@ from usarsim_maps.findings import Findings
 from usarsim_maps.geometry import points_of, size_of
 from usarsim_maps.scene import Array, Box, Collision, Mesh, Part, Plane, Scene, SceneObject
 from usarsim_maps.units import matrix_of_pose, take_apart
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.worlds.description import NamedObject
 

@@ -18,6 +18,7 @@ from PIL import Image as Picture
 
 from usarsim_maps.scene import Array, Mask
 from usarsim_maps.terminal import quiet
+from usarsim_server.base.files import write_bytes
 from usarsim_server.cameras.cutaway import (
     BELOW_CEILING,
     CUT_COLOR,
@@ -29,7 +30,6 @@ from usarsim_server.cameras.cutaway import (
     sections,
     seen_parts,
 )
-from usarsim_server.files import write_bytes
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.rays.triangles import TriangleScene
 from usarsim_server.worlds.description import WorldDescription

@@ -38,8 +38,8 @@ from usarsim_maps.scene import (
 )
 from usarsim_maps.support import Support, SupportTable, support_table
 from usarsim_maps.units import MIRROR, affine
-from usarsim_server.errors import MapImportError, at
-from usarsim_server.files import is_regular
+from usarsim_server.base.errors import MapImportError, at
+from usarsim_server.base.files import is_regular
 
 SMALLEST, LARGEST = 1e-6, 1e6
 """Metres per unit that are believed."""

@@ -18,8 +18,8 @@ from urllib.parse import unquote
 from usarsim_maps.files import MAX_INDEXED
 from usarsim_maps.meshes.xml_text import Node, read_xml
 from usarsim_maps.reader import Context
-from usarsim_server.errors import MapImportError
-from usarsim_server.files import is_regular, read_regular
+from usarsim_server.base.errors import MapImportError
+from usarsim_server.base.files import is_regular, read_regular
 
 Kind: TypeAlias = Callable[[Path], bool]
 """What is wanted: a file, a model, anything."""

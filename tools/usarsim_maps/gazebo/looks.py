@@ -16,8 +16,8 @@ from usarsim_maps.gazebo.frames import flag
 from usarsim_maps.meshes.mesh_files import PICTURES, Pictures
 from usarsim_maps.meshes.xml_text import Document, Node
 from usarsim_maps.scene import NEUTRAL, Array, Color, Light, LightKind, Material, Mesh, Shape
-from usarsim_server.errors import MapImportError
-from usarsim_server.files import is_regular
+from usarsim_server.base.errors import MapImportError
+from usarsim_server.base.files import is_regular
 
 MAX_SCRIPT_BYTES = 4 << 20
 

@@ -30,7 +30,7 @@ from usarsim_maps.meshes.xml_text import Document, Node, read_xml
 from usarsim_maps.scene import Array
 from usarsim_maps.support import SupportTable
 from usarsim_maps.units import affine
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 
 MAX_MODELS = 20_000
 MAX_DEPTH = 30

@@ -20,7 +20,7 @@ from usarsim_maps.meshes.xml_text import Document
 from usarsim_maps.numbers import read_number
 from usarsim_maps.scene import Array, Part, map_victim
 from usarsim_maps.units import pose_of_matrix
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.worlds.description import StartPose, Victim
 

@@ -37,7 +37,7 @@ from usarsim_maps.scene import (
     Source,
 )
 from usarsim_maps.units import affine, axis_matrix, matrix_of_pose, pose_of_matrix, reflect
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 from usarsim_server.worlds.description import StartPose, Victim
 
 MAX_BYTES = 256 << 20

@@ -47,7 +47,7 @@ from usarsim_maps.scene import (
     Sphere,
 )
 from usarsim_maps.units import affine
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 
 PLACEHOLDER = Box((0.5, 0.5, 0.5))
 

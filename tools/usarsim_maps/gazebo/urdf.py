@@ -23,7 +23,7 @@ from usarsim_maps.gazebo.elements import (
 from usarsim_maps.gazebo.frames import WORLD
 from usarsim_maps.meshes.xml_text import Document, Node
 from usarsim_maps.support import Support
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 
 XACRO = {"arg", "if", "include", "insert_block", "macro", "property", "unless"}
 """Elements of xacro, a language that URDF files are made with."""

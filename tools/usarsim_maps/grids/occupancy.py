@@ -31,8 +31,8 @@ from usarsim_maps.meshes.mesh_files import Pictures
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Mask, Material, Part, Plane, Scene, SceneObject, Source
 from usarsim_maps.units import reflect
-from usarsim_server.errors import MapImportError, at
-from usarsim_server.files import ALLOW, is_regular
+from usarsim_server.base.errors import MapImportError, at
+from usarsim_server.base.files import ALLOW, is_regular
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.worlds.description import StartPose
 

@@ -22,7 +22,7 @@ from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Array, Collision, Material, Mesh, Part, Scene, SceneObject, Source
 from usarsim_maps.support import Support, SupportTable, support_table
 from usarsim_maps.units import MIRROR, UU_PER_METRE, axis_matrix
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 
 MAX_BYTES = 96 << 20
 MAX_ITEMS = 5_000_000

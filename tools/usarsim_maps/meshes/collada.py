@@ -38,7 +38,7 @@ from usarsim_maps.scene import (
 )
 from usarsim_maps.support import Support, SupportTable
 from usarsim_maps.units import affine, axis_turn
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 
 MAX_NODES = 100_000
 """Nodes that a scene shows; nodes that contain others twice could make billions."""

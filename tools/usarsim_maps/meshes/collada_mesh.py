@@ -13,7 +13,7 @@ from usarsim_maps.meshes.vertex_colors import WHITE, shaded
 from usarsim_maps.meshes.xml_text import Document, Node
 from usarsim_maps.scene import Array, Color, Integers, Material, Mesh
 from usarsim_maps.support import Support, support_table
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 
 PRIMITIVES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 

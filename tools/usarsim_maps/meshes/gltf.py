@@ -31,7 +31,7 @@ from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Array, Integers, LightKind, Material, Mesh, Part, Scene, SceneObject
 from usarsim_maps.support import Support, SupportTable
 from usarsim_maps.units import affine, shown
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 from usarsim_server.simulation.frames import Pose
 
 MAX_OBJECTS = 100_000

@@ -22,8 +22,8 @@ from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.mesh_files import CURE, broken
 from usarsim_maps.reader import need
 from usarsim_maps.scene import Array, Integers
-from usarsim_server.errors import MapImportError, at
-from usarsim_server.files import ALLOW, Folders
+from usarsim_server.base.errors import MapImportError, at
+from usarsim_server.base.files import ALLOW, Folders
 from usarsim_server.protocol.json_text import parse_json
 
 MAX_BYTES = 1 << 30

@@ -13,7 +13,7 @@ from usarsim_maps.meshes.mesh_files import Pictures
 from usarsim_maps.scene import Array, Material, Opacity
 from usarsim_maps.support import Support
 from usarsim_maps.units import srgb
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 
 REPEAT, MIRRORED = 10497, 33648
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.gltf_data import GltfFile
 from usarsim_maps.support import Support, support_table
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 
 EXTENSIONS = support_table(
     read="""

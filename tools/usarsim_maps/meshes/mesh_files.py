@@ -31,8 +31,8 @@ from usarsim_maps.scene import (
     map_victim,
 )
 from usarsim_maps.units import MIRROR, affine, axis_matrix, matrix_of_pose, pose_of_matrix
-from usarsim_server.errors import MapImportError, at
-from usarsim_server.files import is_regular
+from usarsim_server.base.errors import MapImportError, at
+from usarsim_server.base.files import is_regular
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.worlds.description import PathNode, StartPose, Victim
 

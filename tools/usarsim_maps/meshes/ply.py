@@ -22,7 +22,7 @@ from usarsim_maps.meshes.vertex_colors import shaded
 from usarsim_maps.numbers import read_number, read_whole
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Array, Integers, Material, Part, Scene, SceneObject
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 
 MAX_BYTES = 1 << 30
 MAX_HEADER = 64 << 10

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from usarsim_maps.scene import Array, Integers, Mask, Mesh, Scene
 from usarsim_maps.units import matrix_of_pose
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 
 Indices = NDArray[np.integer[Any]]
 

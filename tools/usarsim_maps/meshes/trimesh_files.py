@@ -20,7 +20,7 @@ from usarsim_maps.meshes.polygons import check_count, make_mesh
 from usarsim_maps.meshes.vertex_colors import shaded
 from usarsim_maps.reader import Context, Reader, need, register
 from usarsim_maps.scene import Material, Mesh, Part, Scene, SceneObject
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 
 CURE = "the file is damaged, or written in a way that trimesh does not know; export it as glTF"
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from usarsim_maps.files import decode, read_bytes
 from usarsim_maps.meshes.mesh_files import broken
 from usarsim_maps.meshes.xml_text import MAX_DEPTH, MAX_ELEMENTS, Document, Node
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 
 MAX_BYTES = 256 << 20
 

@@ -30,7 +30,7 @@ from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Array, Material, Mesh, Opacity, Part, Scene, SceneObject
 from usarsim_maps.support import Support, SupportTable, support_table
 from usarsim_maps.units import affine, axis_turn
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 
 MAX_DEPTH = 200
 MAX_OBJECTS = 100_000

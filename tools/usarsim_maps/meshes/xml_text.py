@@ -19,7 +19,7 @@ from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.mesh_files import CURE, broken
 from usarsim_maps.numbers import read_numbers, read_whole
 from usarsim_maps.scene import Array, Integers
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 
 MAX_BYTES = 512 << 20
 MAX_DEPTH = 300

@@ -14,7 +14,7 @@ from usarsim_maps.units import UU_PER_METRE
 from usarsim_maps.unreal.archive import PackageError
 from usarsim_maps.unreal.meshes import read_mesh
 from usarsim_maps.unreal.package import AGAIN, MAX_PACKAGE, Export, Package, open_package
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 
 EXTENSIONS = (".upk", ".udk", ".u")
 """Of packages that may hold meshes."""

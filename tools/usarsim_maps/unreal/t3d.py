@@ -28,7 +28,7 @@ from usarsim_maps.unreal.level import (
     world_polygon,
 )
 from usarsim_maps.unreal.names import ActorKind, kind_of
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 from usarsim_server.simulation.frames import IDENTITY
 
 MAX_BYTES = 96 << 20

@@ -45,7 +45,7 @@ from usarsim_maps.unreal.library import MeshPackage, as_error, load_package
 from usarsim_maps.unreal.names import ActorKind, kind_of
 from usarsim_maps.unreal.package import Export, Package
 from usarsim_maps.unreal.properties import Properties, read_object
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 
 ESSENTIAL = {ActorKind.BRUSH, ActorKind.START}
 """A map whose walls or starts cannot be read is refused; without a lamp it can be used."""

@@ -16,7 +16,7 @@ from usarsim_maps.reader import Context, Reader, need, register
 from usarsim_maps.scene import Scene
 from usarsim_maps.support import SupportTable
 from usarsim_maps.usd.schemas import API_SCHEMAS, COMPOSITION, PRIM_TYPES, PURPOSES, STAGES
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 
 SMALLEST, LARGEST = 1e-6, 1e6
 """Metres per unit that are believed."""

@@ -17,7 +17,7 @@ from usarsim_mission.plan import Plan, read_plan
 from usarsim_mission.rescoring import live_result, rescore
 from usarsim_mission.runlog import EVENTS, SCORE, RunFolder
 from usarsim_mission.scoring import VARIABLES, Rules
-from usarsim_server.errors import UsarsimError, at
+from usarsim_server.base.errors import UsarsimError, at
 
 WHOLE = ("time", "operator", "all_found")
 """How a run ends that is whole."""

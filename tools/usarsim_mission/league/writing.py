@@ -12,9 +12,9 @@ from usarsim_mission.errors import MissionError
 from usarsim_mission.league.page import league_page
 from usarsim_mission.league.standings import Entry, League, Standing
 from usarsim_mission.scoring import VARIABLES
-from usarsim_server.csv_files import csv_text
-from usarsim_server.errors import at
-from usarsim_server.files import reason, write_text
+from usarsim_server.base.csv_files import csv_text
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import reason, write_text
 
 HTML, JSON, CSV, RUNS = "league.html", "league.json", "league.csv", "runs.csv"
 SCHEMA = "usar-league/1"

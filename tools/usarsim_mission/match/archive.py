@@ -6,8 +6,8 @@ import zipfile
 from pathlib import Path
 
 from usarsim_mission.errors import RunLogError
-from usarsim_server.errors import at
-from usarsim_server.files import check_links, reason
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import check_links, reason
 
 ARCHIVE = "run.zip"
 _TIME = (1980, 1, 1, 0, 0, 0)

@@ -29,8 +29,8 @@ from usarsim_mission.hand_in import (
     Reported,
     read_victims,
 )
-from usarsim_server.errors import at
-from usarsim_server.files import read_regular, reason
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import read_regular, reason
 
 Frame = Literal["usarsim", "world"]
 """y to the right, as robots tell places, or to the left, as world files do."""

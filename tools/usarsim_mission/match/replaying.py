@@ -27,9 +27,9 @@ from usarsim_mission.scenario.policies import policies
 from usarsim_mission.scenario.reader import parse_scenario
 from usarsim_mission.scenario.resolving import stage
 from usarsim_operator.replay import Player, Said
-from usarsim_server.errors import at
-from usarsim_server.tables import suggest
-from usarsim_server.toml import read_text
+from usarsim_server.base.errors import at
+from usarsim_server.base.tables import suggest
+from usarsim_server.base.toml import read_text
 
 _BY_REFEREE = ("time", "all_found")
 """Ends that come by themselves."""

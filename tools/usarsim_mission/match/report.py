@@ -17,9 +17,9 @@ from usarsim_mission.match.drawn import Drawn
 from usarsim_mission.model import Mission, World
 from usarsim_mission.runlog import RunFolder
 from usarsim_mission.scoring import VARIABLES, Rules
-from usarsim_server.csv_files import csv_text
-from usarsim_server.errors import at
-from usarsim_server.files import reason, write_text
+from usarsim_server.base.csv_files import csv_text
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import reason, write_text
 
 REPORT, PLAN, SUMMARY = "report.html", "plan.svg", "summary.csv"
 WORDS = {

@@ -21,7 +21,7 @@ from typing import Any
 from usarsim_client import frames
 from usarsim_client.scene import TruthRow
 from usarsim_operator.ground import PERSON
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 LOW = 0.6
 """m: who has the pelvis lower than this sits or lies."""

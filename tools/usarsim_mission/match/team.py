@@ -11,11 +11,11 @@ from usarsim_mission.errors import MissionError
 from usarsim_mission.match.synthetic import Skill
 from usarsim_mission.scenario.policies import PRESENT_POLICIES, read_policy
 from usarsim_mission.scenario.staging import Robot
-from usarsim_server.errors import at
-from usarsim_server.fields import field
-from usarsim_server.files import is_folder
-from usarsim_server.lined import open_toml
-from usarsim_server.tables import Table, shown
+from usarsim_server.base.errors import at
+from usarsim_server.base.fields import field
+from usarsim_server.base.files import is_folder
+from usarsim_server.base.lined import open_toml
+from usarsim_server.base.tables import Table, shown
 
 PLACES = ("host", "port", "image_port", "wireless_port", "truth_port", "robots", "run")
 """What stands in braces in a command: `{port}`, for example."""

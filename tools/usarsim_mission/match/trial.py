@@ -41,9 +41,9 @@ from usarsim_operator.roles import Role
 from usarsim_operator.serving import served
 from usarsim_operator.station import Settings, Station
 from usarsim_server import __version__
-from usarsim_server.errors import UsarsimError
-from usarsim_server.files import write_text
-from usarsim_server.toml import read_text, toml_text
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.files import write_text
+from usarsim_server.base.toml import read_text, toml_text
 
 MAP_EVERY = 10.0
 """Simulated s between two maps that are logged, beside the last one."""

@@ -15,9 +15,9 @@ from usarsim_mission.errors import ScoringError
 from usarsim_mission.scenario import fleet
 from usarsim_mission.scenario.description import Scenario
 from usarsim_mission.scenario.staging import Staged
-from usarsim_server.errors import UsarsimError, problem_and_advice
+from usarsim_server.base.errors import UsarsimError, problem_and_advice
+from usarsim_server.base.tables import Table
 from usarsim_server.radio.configuration import read_radio
-from usarsim_server.tables import Table
 from usarsim_server.worlds.description import Victim, read_pose
 from usarsim_server.worlds.polygons import overlap
 from usarsim_server.worlds.surroundings import LiveVictim

@@ -13,8 +13,8 @@ from typing import Any, Literal
 
 from usarsim_mission.errors import MissionError
 from usarsim_mission.scenario.policies import PRESENT_POLICIES, read_policy
-from usarsim_server.fields import field
-from usarsim_server.tables import Table, Vector, suggest
+from usarsim_server.base.fields import field
+from usarsim_server.base.tables import Table, Vector, suggest
 from usarsim_server.worlds.description import POSTURES
 from usarsim_server.worlds.polygons import Corner, read_corners, read_polygon
 

@@ -19,8 +19,8 @@ from usarsim_mission.scenario.check import findings
 from usarsim_mission.scenario.description import SCHEMA, Scenario
 from usarsim_mission.scenario.reader import scenario_of
 from usarsim_mission.scenario.staging import Staged
-from usarsim_server.errors import UsarsimError
-from usarsim_server.toml import parse_toml, read_text
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.toml import parse_toml, read_text
 
 MOST = 100
 """Faults that are told."""

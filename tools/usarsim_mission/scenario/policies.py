@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.metadata import entry_points
 
-from usarsim_server.tables import Table, suggest
+from usarsim_server.base.tables import Table, suggest
 
 PRESENT_POLICIES = ("stop", "hold", "patrol", "explore", "search")
 """Of the console; packages add theirs by this group of entry points."""

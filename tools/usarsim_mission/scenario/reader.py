@@ -15,11 +15,11 @@ from typing import Any
 from usarsim_mission.errors import MissionError
 from usarsim_mission.scenario.description import SCHEMA, Event, Scenario
 from usarsim_operator.injects import WHOM
-from usarsim_server.errors import at
-from usarsim_server.files import is_folder, is_regular
-from usarsim_server.lined import LinedTable, key_lines
-from usarsim_server.tables import Table, nearest
-from usarsim_server.toml import parse_toml, read_text
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import is_folder, is_regular
+from usarsim_server.base.lined import LinedTable, key_lines
+from usarsim_server.base.tables import Table, nearest
+from usarsim_server.base.toml import parse_toml, read_text
 
 SHIPPED = Path(__file__).parents[1] / "missions"
 """Folder of the missions that come along."""

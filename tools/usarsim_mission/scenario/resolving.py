@@ -22,10 +22,10 @@ from usarsim_mission.scenario.description import (
 )
 from usarsim_mission.scenario.staging import Robot, Staged
 from usarsim_mission.scoring import Rules, find_rules
-from usarsim_server.errors import UsarsimError, problem_and_advice
-from usarsim_server.files import is_regular
+from usarsim_server.base.errors import UsarsimError, problem_and_advice
+from usarsim_server.base.files import is_regular
+from usarsim_server.base.tables import Table, suggest
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
-from usarsim_server.tables import Table, suggest
 from usarsim_server.worlds.description import StartPose, Victim, WorldDescription
 from usarsim_server.worlds.life import traits_of
 from usarsim_server.worlds.loader import find_world, load_world

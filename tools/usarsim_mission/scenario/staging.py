@@ -32,11 +32,11 @@ from usarsim_mission.scenario.description import (
     beside,
 )
 from usarsim_mission.scoring import Rules
-from usarsim_server.errors import at
-from usarsim_server.files import is_regular, write_text
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import is_regular, write_text
+from usarsim_server.base.toml import toml_text
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.simulation.frames import Pose, rpy_from_quaternion
-from usarsim_server.toml import toml_text
 from usarsim_server.worlds.description import StartPose, Victim, WorldDescription, Zone
 from usarsim_server.worlds.floor import EYE, Ground, Reached
 from usarsim_server.worlds.loader import SHEET

@@ -14,10 +14,10 @@ from usarsim_mission.runlog import SCORE, RunFolder
 from usarsim_mission.sharing.contents import LEVELS, Detail, Shown
 from usarsim_mission.sharing.scenery import read_scenery
 from usarsim_mission.sharing.story import Story
-from usarsim_server.errors import at
-from usarsim_server.files import read_regular, reason, write_text
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import read_regular, reason, write_text
+from usarsim_server.base.toml import read_toml
 from usarsim_server.protocol.json_text import parse_json
-from usarsim_server.toml import read_toml
 
 SHARED = "share.html"
 LIMIT = 5_000_000

@@ -17,8 +17,8 @@ from typing import Any
 from usarsim_client import ProtocolError
 from usarsim_client.scene import LiveScene, Poses, connect_scene
 from usarsim_mission.errors import RunLogError
-from usarsim_server.errors import at
-from usarsim_server.files import read_regular, reason, write_bytes
+from usarsim_server.base.errors import at
+from usarsim_server.base.files import read_regular, reason, write_bytes
 from usarsim_server.protocol.json_text import parse_json
 
 SCENERY = "scene.json.gz"

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from usarsim_server.base.errors import UsarsimError, at
+from usarsim_server.base.files import write_bytes
 from usarsim_server.cli.common import Subparsers, add_command
-from usarsim_server.errors import UsarsimError, at
-from usarsim_server.files import write_bytes
 from usarsim_study.dataset import collect
 from usarsim_study.folder import StudyFolder
 from usarsim_study.tables import SUMMARY, write

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import math
 
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.extras import need
 from usarsim_server.cli.common import Subparsers, add_command, facts
-from usarsim_server.errors import UsarsimError
-from usarsim_server.extras import need
 
 _EPILOG = (
     "dz is the mean difference between two conditions over the standard deviation of the "

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from usarsim_server.base.errors import UsarsimError, at
+from usarsim_server.base.extras import need
+from usarsim_server.base.files import is_regular
 from usarsim_server.cli.common import Subparsers, add_command
-from usarsim_server.errors import UsarsimError, at
-from usarsim_server.extras import need
-from usarsim_server.files import is_regular
 from usarsim_study.commands.export import export
 from usarsim_study.folder import StudyFolder
 from usarsim_study.study_file import FILE

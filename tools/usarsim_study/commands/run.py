@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from usarsim_server.addresses import bare_host
+from usarsim_server.base.addresses import bare_host
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.extras import need
 from usarsim_server.cli.common import Subparsers, add_command
-from usarsim_server.errors import UsarsimError
-from usarsim_server.extras import need
 from usarsim_study.commands.report import write_reports
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ import argparse
 import os
 from statistics import fmean
 
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.extras import need
 from usarsim_server.cli.common import Subparsers, add_command, facts, table
-from usarsim_server.errors import UsarsimError
-from usarsim_server.extras import need
 from usarsim_study.study_file import find_study, read_study
 
 _EPILOG = (

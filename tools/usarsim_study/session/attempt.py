@@ -16,9 +16,9 @@ from usarsim_mission.match.conditions import Conditions
 from usarsim_mission.match.trial import Trial
 from usarsim_mission.records import Record
 from usarsim_mission.scenario.staging import Staged
-from usarsim_server.errors import UsarsimError
-from usarsim_server.files import reason
-from usarsim_server.logs import Log
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.files import reason
+from usarsim_server.base.logs import Log
 from usarsim_study.errors import StudyError
 from usarsim_study.folder import TrialStatus
 from usarsim_study.forms import FormState

@@ -12,8 +12,8 @@ from collections import deque
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-from usarsim_server.errors import UsarsimError
-from usarsim_server.files import reason
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.files import reason
 from usarsim_study.errors import StudyError
 from usarsim_study.forms import FormState
 from usarsim_study.misread import misread

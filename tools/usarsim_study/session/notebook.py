@@ -14,7 +14,7 @@ from typing import Any
 
 from usarsim_mission.mending import close_run
 from usarsim_mission.runlog import EVENTS, TRUTH
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 from usarsim_study.folder import (
     FORMS,
     STEPS,

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from usarsim_mission.scenario.description import beside
 from usarsim_mission.scenario.reader import read_scenario
-from usarsim_server.errors import UsarsimError, at
-from usarsim_server.files import held, is_regular, reason, write_text
-from usarsim_server.toml import read_text, toml_text
+from usarsim_server.base.errors import UsarsimError, at
+from usarsim_server.base.files import held, is_regular, reason, write_text
+from usarsim_server.base.toml import read_text, toml_text
 from usarsim_study.assignment import ALLOCATION
 from usarsim_study.errors import StudyError
 from usarsim_study.folder import Participant, StudyFolder

@@ -17,10 +17,10 @@ from usarsim_operator.page_files import page_file, page_headers
 from usarsim_operator.places import NoPlaceError, PagePlaces
 from usarsim_operator.roles import LONGEST, Limits, foreign, hosts_of
 from usarsim_operator.serving import PAGE
-from usarsim_server.files import reason
-from usarsim_server.private import exposed, private
+from usarsim_server.base.files import reason
+from usarsim_server.base.private import exposed, private
+from usarsim_server.base.toml import read_text
 from usarsim_server.protocol.json_text import parse_json
-from usarsim_server.toml import read_text
 from usarsim_study.errors import StudyError
 from usarsim_study.session.desk import EXPERIMENTER, Desk
 from usarsim_study.session.screens import Message, wait_message

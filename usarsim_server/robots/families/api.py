@@ -19,7 +19,8 @@ them; `field` declares the keys of a table of its own in robot files:
 
 from dataclasses import dataclass
 
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
+from usarsim_server.base.tables import Table
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
@@ -36,7 +37,6 @@ from usarsim_server.robots.families.wheeled import WheelController, WheeledFamil
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.motion_laws import Law, LawModel
 from usarsim_server.simulation.simulation import BodyHandle
-from usarsim_server.tables import Table
 
 __all__ = [
     "ActuatorDescription",

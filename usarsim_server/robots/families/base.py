@@ -3,7 +3,7 @@
 A family knows the words of its vehicles on the wire, the law that turns DRIVE into targets, the
 tables of its own in robot files, and whatever it adds to the body in the physics. It is found by
 the `kind` of a robot file: a new file in this package is enough to add one, outside packages use
-the entry point group `usarsim_server.families` (see `usarsim_server.plugins`).
+the entry point group `usarsim_server.families` (see `usarsim_server.base.plugins`).
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import usarsim_server.robots.families as package
-from usarsim_server.logs import Log
-from usarsim_server.plugins import PluginTypes
+from usarsim_server.base.logs import Log
+from usarsim_server.base.plugins import PluginTypes
+from usarsim_server.base.tables import Table
 from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.messages import VehicleStatus
 from usarsim_server.protocol.requests import Drive
@@ -32,7 +33,6 @@ from usarsim_server.robots.description import (
 from usarsim_server.simulation.motion_laws import LawModel
 from usarsim_server.simulation.simulation import BodyHandle
 from usarsim_server.simulation.snapshot import RobotBody
-from usarsim_server.tables import Table
 
 Array = NDArray[np.float64]
 

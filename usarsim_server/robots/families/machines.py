@@ -15,8 +15,9 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from usarsim_server.fields import field
-from usarsim_server.logs import Log
+from usarsim_server.base.fields import field
+from usarsim_server.base.logs import Log
+from usarsim_server.base.tables import Table, Vector
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.requests import Drive
@@ -36,7 +37,6 @@ from usarsim_server.simulation.flight import FlightLimits, VelocityHold
 from usarsim_server.simulation.frames import flip_point
 from usarsim_server.simulation.motion_laws import LawModel
 from usarsim_server.simulation.simulation import BodyHandle
-from usarsim_server.tables import Table, Vector
 
 
 class PlatformController(DriveController):

@@ -19,7 +19,8 @@ from typing import ClassVar, Self
 import mujoco
 import numpy as np
 
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
+from usarsim_server.base.tables import Table
 from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
@@ -41,7 +42,6 @@ from usarsim_server.robots.reading import parts
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.simulation import BodyHandle
-from usarsim_server.tables import Table
 
 FRONT, REAR = "frontsteer", "rearsteer"
 GRID = 41

@@ -28,6 +28,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.base.tables import Table
 from usarsim_server.robots.description import (
     ActuatorDescription,
     RobotDescription,
@@ -38,7 +39,6 @@ from usarsim_server.robots.families.wheeled import WheeledFamily, with_footprint
 from usarsim_server.robots.tracks import Roller, Track, lowest, read_tracks, runs, touching
 from usarsim_server.simulation.ground import MARK
 from usarsim_server.simulation.motion_laws import Law, LawModel
-from usarsim_server.tables import Table
 
 Array = NDArray[np.float64]
 

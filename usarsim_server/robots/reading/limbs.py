@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
+from usarsim_server.base.tables import Table, suggest
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import (
     ActuatorDescription,
@@ -31,7 +32,6 @@ from usarsim_server.robots.keys import (
     read_pose,
 )
 from usarsim_server.robots.reading.parts import read_shape
-from usarsim_server.tables import Table, suggest
 
 DEFAULT_SPEED = {Dialect.UT2004: 0.1745, Dialect.UDK: 1.571}
 """rad/s: MotorSpeed of mission joints in UT2004 (robots reference 1.6), announced in UDK

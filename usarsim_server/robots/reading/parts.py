@@ -11,8 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
-from usarsim_server.files import data_directory
-from usarsim_server.logs import Log
+from usarsim_server.base.files import data_directory
+from usarsim_server.base.logs import Log
+from usarsim_server.base.tables import Table, suggest
 from usarsim_server.protocol.values import Vector
 from usarsim_server.robots.description import (
     ANNOUNCED_TORQUE,
@@ -39,7 +40,6 @@ from usarsim_server.robots.keys import (
     read_pose,
 )
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.tables import Table, suggest
 
 SHAPE_SIZES = {"box": 3, "cylinder": 2, "sphere": 1, "ellipsoid": 3, "capsule": 2}
 """How many numbers each kind of shape has as its size."""

@@ -19,7 +19,7 @@ from typing import Any
 
 import mujoco
 
-from usarsim_server.logs import Log
+from usarsim_server.base.logs import Log
 from usarsim_server.simulation.divergence import SPEED_LIMIT
 from usarsim_server.simulation.joint_servos import (
     ARRIVED_SPEED,

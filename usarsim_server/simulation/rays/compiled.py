@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from usarsim_server.logs import Log
+from usarsim_server.base.logs import Log
 from usarsim_server.simulation.frames import Numbers
 from usarsim_server.simulation.native.compiling import load
 from usarsim_server.simulation.rays.embree import library

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from usarsim_server.errors import SpawnError
+from usarsim_server.base.errors import SpawnError
 from usarsim_server.protocol.values import name_key
 from usarsim_server.simulation.frames import Pose, Vector, around, rpy_from_quaternion
 from usarsim_server.simulation.movers import Way

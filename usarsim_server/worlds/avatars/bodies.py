@@ -17,12 +17,12 @@ from pathlib import Path
 
 import mujoco
 
-from usarsim_server.errors import WorldError
-from usarsim_server.fields import field
+from usarsim_server.base.errors import WorldError
+from usarsim_server.base.fields import field
+from usarsim_server.base.tables import Table
+from usarsim_server.base.toml import read_toml
 from usarsim_server.simulation.frames import Vector
 from usarsim_server.simulation.model import RobotModel
-from usarsim_server.tables import Table
-from usarsim_server.toml import read_toml
 
 SHEET = "avatars.toml"
 

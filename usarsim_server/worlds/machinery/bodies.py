@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import mujoco
 
-from usarsim_server import errors
-from usarsim_server.errors import WorldError
+from usarsim_server.base import errors
+from usarsim_server.base.errors import WorldError
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.machinery.machinery import Belt, Door, Lift, Obstacle, Spring

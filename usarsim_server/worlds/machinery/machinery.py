@@ -10,9 +10,9 @@ import itertools
 import math
 from dataclasses import dataclass, replace
 
-from usarsim_server.fields import Limits, field
+from usarsim_server.base.fields import Limits, field
+from usarsim_server.base.tables import Table
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy
-from usarsim_server.tables import Table
 
 KINDS = ("sliding", "hinged")
 OPENERS = ("approach", "timetable", "push")

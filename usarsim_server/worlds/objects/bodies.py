@@ -19,13 +19,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from usarsim_server import errors
-from usarsim_server.errors import WorldError
-from usarsim_server.fields import field
+from usarsim_server.base import errors
+from usarsim_server.base.errors import WorldError
+from usarsim_server.base.fields import field
+from usarsim_server.base.tables import Table
+from usarsim_server.base.toml import read_toml
 from usarsim_server.simulation.frames import Array, Pose, Vector, quaternion_from_rpy
 from usarsim_server.simulation.model import RobotModel
-from usarsim_server.tables import Table
-from usarsim_server.toml import read_toml
 
 SHEET = "objects.toml"
 

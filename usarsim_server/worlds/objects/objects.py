@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Unpack
 
-from usarsim_server.errors import SpawnError
-from usarsim_server.logs import Log
+from usarsim_server.base.errors import SpawnError
+from usarsim_server.base.logs import Log
 from usarsim_server.protocol.values import clean_name, free_name, name_key, near
 from usarsim_server.simulation.frames import Pose, Vector, flip_point
 from usarsim_server.simulation.model import RobotModel

@@ -19,7 +19,7 @@ from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
-from usarsim_server.errors import SpawnError
+from usarsim_server.base.errors import SpawnError
 from usarsim_server.simulation.frames import (
     Pose,
     Quaternion,

@@ -11,9 +11,9 @@ from functools import lru_cache
 from typing import Literal, Self
 
 from usarsim_exploration.radio.models import Floats, Radio, register
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
+from usarsim_server.base.tables import Table
 from usarsim_server.radio import models as server
-from usarsim_server.tables import Table
 
 CAUTION = 1.1
 """A robot expects walls that attenuate so much more, and a range so much shorter

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell, Environment
 from usarsim_exploration.radio.models import Radio, register
-from usarsim_server.csv_files import parse_csv
-from usarsim_server.errors import UsarsimError, at
-from usarsim_server.files import read_regular, reason
-from usarsim_server.tables import Table
-from usarsim_server.toml import decoded
+from usarsim_server.base.csv_files import parse_csv
+from usarsim_server.base.errors import UsarsimError, at
+from usarsim_server.base.files import read_regular, reason
+from usarsim_server.base.tables import Table
+from usarsim_server.base.toml import decoded
 
 HEADER = "step,one,other"
 _MOST = 10**6

@@ -14,9 +14,9 @@ from typing import Self
 from usarsim_exploration.messages import FRAME
 from usarsim_exploration.radio.families.path_loss import PathLoss
 from usarsim_exploration.radio.models import register
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
+from usarsim_server.base.tables import Table
 from usarsim_server.radio import models as server
-from usarsim_server.tables import Table
 
 LAW = server.PathLoss(
     reference_power=-20.0,

@@ -9,7 +9,7 @@ import numpy as np
 
 from usarsim_exploration.worlds.generators import buildings, open_spaces
 from usarsim_exploration.worlds.generators.shape import CELL, Drawing, Shape
-from usarsim_server.errors import WorldError, at
+from usarsim_server.base.errors import WorldError, at
 
 __all__ = ["CELL", "KINDS", "Drawing", "Shape", "draw"]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell
-from usarsim_server.fields import field
+from usarsim_server.base.fields import field
 
 WALL = 2
 """Cells that a wall between two rooms is thick."""

@@ -14,7 +14,7 @@ from pathlib import Path
 from usarsim_maps.files import decode
 from usarsim_maps.meshes.mesh_files import broken
 from usarsim_maps.numbers import read_number
-from usarsim_server.errors import MapImportError
+from usarsim_server.base.errors import MapImportError
 
 BINARY = b"Kaydara FBX Binary"
 

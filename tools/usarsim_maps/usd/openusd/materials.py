@@ -26,7 +26,7 @@ from usarsim_maps.usd.openusd.primvars import (
 from usarsim_maps.usd.openusd.stage import read_resource
 from usarsim_maps.usd.openusd.surfaces import Clearing, PrimvarUse, look_of, shown_channel
 from usarsim_maps.usd.openusd.values import StageValues, in_prototype
-from usarsim_server.files import is_regular
+from usarsim_server.base.files import is_regular
 
 TILE = "<UDIM>"
 

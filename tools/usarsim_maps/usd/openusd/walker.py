@@ -31,7 +31,7 @@ from usarsim_maps.usd.openusd.shapes import SHAPES, shape_of
 from usarsim_maps.usd.openusd.stage import has_samples
 from usarsim_maps.usd.openusd.values import StageValues, matrix, shown_moment
 from usarsim_maps.usd.schemas import API_SCHEMAS, PRIM_TYPES, PURPOSES, is_read
-from usarsim_server.errors import MapImportError, at
+from usarsim_server.base.errors import MapImportError, at
 
 MAX_PARTS = 200_000
 """Shapes of one stage, every copy counted."""

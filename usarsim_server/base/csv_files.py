@@ -18,8 +18,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
-from usarsim_server.errors import UsarsimError, at
-from usarsim_server.toml import read_text
+from usarsim_server.base.errors import UsarsimError, at
+from usarsim_server.base.toml import read_text
 
 DELIMITERS = ",;\t"
 """What may stand between cells, the usual one first."""

@@ -10,9 +10,9 @@ import os
 import stat
 from pathlib import Path
 
-from usarsim_server.errors import UsarsimError, at
-from usarsim_server.files import is_regular
-from usarsim_server.toml import read_text
+from usarsim_server.base.errors import UsarsimError, at
+from usarsim_server.base.files import is_regular
+from usarsim_server.base.toml import read_text
 
 MODE = 0o600
 """Of such a file: its owner reads and writes it."""

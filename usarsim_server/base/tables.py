@@ -28,8 +28,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from usarsim_server.errors import UsarsimError, at
-from usarsim_server.fields import Limits, keys
+from usarsim_server.base.errors import UsarsimError, at
+from usarsim_server.base.fields import Limits, keys
 
 T = TypeVar("T")
 Vector = tuple[float, float, float]

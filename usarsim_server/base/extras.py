@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 
-from usarsim_server.errors import UsarsimError
+from usarsim_server.base.errors import UsarsimError
 
 
 class MissingLibraryError(UsarsimError, ImportError):

@@ -16,8 +16,8 @@ import os
 import sys
 from typing import Any, TextIO
 
-from usarsim_server.errors import UsarsimError
-from usarsim_server.files import reason
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.files import reason
 
 _ESCAPED = "usarsim.escaped"
 """How a stream writes what its encoding lacks: bytes of odd file names as they are, other letters

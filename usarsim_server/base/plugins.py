@@ -18,8 +18,8 @@ from importlib.metadata import entry_points
 from types import ModuleType
 from typing import Generic, TypeVar
 
-from usarsim_server.errors import RobotDescriptionError, at
-from usarsim_server.logs import Log
+from usarsim_server.base.errors import RobotDescriptionError, at
+from usarsim_server.base.logs import Log
 
 T = TypeVar("T")
 C = TypeVar("C", bound=type)

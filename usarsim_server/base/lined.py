@@ -13,9 +13,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import cast
 
-from usarsim_server.errors import UsarsimError, at
-from usarsim_server.tables import Table
-from usarsim_server.toml import parse_toml, read_text
+from usarsim_server.base.errors import UsarsimError, at
+from usarsim_server.base.tables import Table
+from usarsim_server.base.toml import parse_toml, read_text
 
 Place = tuple[str | int, ...]
 """Keys and, for entries of lists of tables, numbers from 0, from the top of a file down."""

@@ -9,8 +9,8 @@ from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from usarsim_server.errors import UsarsimError, at
-from usarsim_server.files import MAX_TEXT, read_regular, reason
+from usarsim_server.base.errors import UsarsimError, at
+from usarsim_server.base.files import MAX_TEXT, read_regular, reason
 
 MAX_DEPTH = 40
 """Lists and tables within each other. Robot files need eight; every check of a value that goes

@@ -26,7 +26,7 @@ from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO, Literal
 
-from usarsim_server.errors import UsarsimError, at, plain
+from usarsim_server.base.errors import UsarsimError, at, plain
 
 MAX_TEXT = 16 << 20
 """Bytes of a file that people write: settings, robots, worlds. The largest known, the sheet of an
@@ -312,7 +312,7 @@ def _sync(path: Path) -> None:
         os.close(descriptor)
 
 
-_PACKAGE = Path(__file__).resolve().parent
+_PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def data_directory(kind: Literal["worlds", "robots"]) -> Path:
