@@ -27,8 +27,8 @@ command = ["{python}", "-c", "print(1)"]
 """
 USE_PYTHON = {
     "usarsim_server/children.py": "the place itself",
-    "usarsim_server/doctor/isolation.py": "names the interpreter in advice",
-    "usarsim_server/doctor/checks/installation.py": "names the interpreter in a finding",
+    "tools/usarsim_doctor/isolation.py": "names the interpreter in advice",
+    "tools/usarsim_doctor/checks/installation.py": "names the interpreter in a finding",
     "tools/usarsim_batch/sweep/playing.py": "`{python}` of the user's own command lines",
 }
 """Files that know the interpreter's path, and why."""

@@ -13,6 +13,7 @@ from usarsim_bench.linehash import Stored
 from usarsim_bench.server import BenchError
 from usarsim_conformance.command import _read as read_report
 from usarsim_conformance.report import Report, as_json
+from usarsim_doctor.robot_page import head_comment
 from usarsim_exploration.mresim.team import read_team as read_mresim_team
 from usarsim_mission.match.team import read_team
 from usarsim_mission.scenario.reader import find_mission, read_scenario
@@ -20,7 +21,6 @@ from usarsim_operator.roles import Role
 from usarsim_operator.tokens import kept_tokens
 from usarsim_record.recording import RecordError
 from usarsim_record.recording import read as read_recording
-from usarsim_server.cli.robot_page import head_comment
 from usarsim_server.errors import UsarsimError
 from usarsim_server.files import data_directory
 from usarsim_server.options import load_settings

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from usarsim_server.cli import common, main, robots, worlds
+from usarsim_doctor import robots_command as robots
+from usarsim_server.cli import common, main, worlds
 from usarsim_server.files import data_directory
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import (

@@ -124,6 +124,17 @@ class TestPlaces:
         ]
         assert [place.tag for place in spaced(places)] == ["A", "D"]
 
+    def test_tilted_places(self) -> None:
+        """Roll and pitch tilt, yaw and whole turns do not; what is no number does not either."""
+        for rotation, tilted in (
+            ((0.1, 0.0, 0.0), True),
+            ((0.0, -0.1, 1.0), True),
+            ((0.0, 0.0, 1.0), False),
+            ((math.tau, 0.005, 0.0), False),
+            ((math.inf, math.nan, 0.0), False),
+        ):
+            assert Place("A", rotation=rotation).is_tilted is tilted
+
     def test_beside_a_place(self) -> None:
         """Right of a robot that faces +y is -x, with z down."""
         beside = Place("A", (1.0, 1.0, -0.2), (0.0, 0.0, math.pi / 2)).moved(right=1.0)

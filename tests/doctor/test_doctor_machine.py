@@ -10,17 +10,17 @@ from types import SimpleNamespace
 
 import pytest
 
-from usarsim_server import processes
-from usarsim_server.doctor.checks import machine as system
-from usarsim_server.doctor.checks.machine import (
+from usarsim_doctor.checks import machine as system
+from usarsim_doctor.checks.machine import (
     Activity,
     judge_activity,
     judge_cores,
     judge_descriptors,
     judge_memory,
 )
-from usarsim_server.doctor.checks.machine import look_at_ports as look
-from usarsim_server.doctor.registry import Context, Finding, Mark
+from usarsim_doctor.checks.machine import look_at_ports as look
+from usarsim_doctor.registry import Context, Finding, Mark
+from usarsim_server import processes
 from usarsim_server.processes import Process
 from usarsim_server.settings import Settings
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from usarsim_server.doctor import team as trials
-from usarsim_server.doctor.checks.server import (
+from usarsim_doctor import team as trials
+from usarsim_doctor.checks.server import (
     Cost,
     cost_of,
     judge_cameras,
@@ -20,8 +20,8 @@ from usarsim_server.doctor.checks.server import (
     most_robots,
     team_size,
 )
-from usarsim_server.doctor.isolation import Outcome
-from usarsim_server.doctor.registry import Context, Mark
+from usarsim_doctor.isolation import Outcome
+from usarsim_doctor.registry import Context, Mark
 from usarsim_server.errors import SettingsError
 from usarsim_server.options import load_settings
 from usarsim_server.settings import Settings

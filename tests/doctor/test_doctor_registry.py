@@ -15,9 +15,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.doctor import checks, isolation, registry
-from usarsim_server.doctor.isolation import Outcome, attempt, try_out
-from usarsim_server.doctor.registry import (
+from usarsim_doctor import checks, isolation, registry
+from usarsim_doctor.isolation import Outcome, attempt, try_out
+from usarsim_doctor.registry import (
     Audience,
     Check,
     Checked,
@@ -90,8 +90,8 @@ def test_a_new_file_is_a_new_check_and_a_broken_one_a_failing_check(
 ) -> None:
     """Dropping a file into the folder adds its checks; one that cannot be imported says why."""
     (tmp_path / "zz_disk.py").write_text(
-        "from usarsim_server.doctor.registry import Finding, Mark\n"
-        "from usarsim_server.doctor.registry import check\n"
+        "from usarsim_doctor.registry import Finding, Mark\n"
+        "from usarsim_doctor.registry import check\n"
         "@check('disk', 'Disk', order=25)\n"
         "def look(context):\n"
         "    return [Finding('space', Mark.OK, '12 GiB')]\n"

@@ -288,5 +288,5 @@ def test_most_strategies_need_no_extra(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, timeout=100)
     assert done.returncode == 2
     assert "2 robots, frontier, seed 1: base knows after" in done.stdout
-    assert "scipy is not installed (pip install usarsim-server[exploration])" in done.stderr
+    assert 'scipy is not installed (pip install "usarsim-server[exploration]")' in done.stderr
     assert "Traceback" not in done.stderr

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from usarsim_doctor.test_drive import Rest, TestDrive, full_speed
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.testing.sharing import shipped_robots
-from usarsim_server.testing.test_drive import Rest, TestDrive, full_speed
 
 ROSTER = shipped_robots()
 

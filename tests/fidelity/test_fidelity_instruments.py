@@ -13,8 +13,8 @@ from usarsim_bench.fidelity.manoeuvres import rest, watch_straight
 from usarsim_bench.fidelity.stage import StageError, turned, yaw_of
 from usarsim_bench.fidelity.terrain import creep, cross
 from usarsim_bench.fidelity.workshop import VARIANTS, Workshop
+from usarsim_doctor.test_drive import tilt
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
-from usarsim_server.testing.test_drive import tilt
 from usarsim_server.worlds.loader import load_world
 
 STEP = 0.004

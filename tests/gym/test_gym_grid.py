@@ -228,4 +228,7 @@ def test_without_the_extra(missing: str, tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 1
     last = done.stderr.strip().splitlines()[-1]
-    assert last == (f"ImportError: {missing} is not installed (pip install usarsim-server[gym])")
+    assert last == (
+        "usarsim_server.extras.MissingLibraryError: "
+        f'usarsim_gym: {missing} is not installed (pip install "usarsim-server[gym]")'
+    )

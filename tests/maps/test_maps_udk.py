@@ -273,7 +273,7 @@ def test_soccer_map(tmp_path: Path, findings: Findings) -> None:
 
 @with_soccer
 def test_soccer_map_is_as_the_editor_built_it() -> None:
-    """Cells of the brushes and the stored tree agree at all of 20 000 points (worlds 1 no. 2)."""
+    """Cells of brushes and the stored tree agree at 20 000 points (worlds reference 1 no. 2)."""
     package = load_package(SOCCER)
     level = level_of(package)
     built = read_built_level(package, level)

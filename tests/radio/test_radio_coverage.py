@@ -13,8 +13,7 @@ from PIL import Image
 from radio_fakes import Walls as Fence
 from radio_fakes import model
 
-from usarsim_server.cli import main
-from usarsim_server.radio.coverage import (
+from usarsim_exploration.coverage import (
     SILENCE,
     SOURCE,
     WALL,
@@ -26,6 +25,7 @@ from usarsim_server.radio.coverage import (
     pixels_per_cell,
     survey,
 )
+from usarsim_server.cli import main
 from usarsim_server.simulation.rays.query import RayFan, RayHits
 
 GRID = Grid.over((0.0, 0.0), (4.0, 3.0), 1.0, 0.5)

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 from robot_files import SENSOR, table, write
 
+from usarsim_doctor.robots_command import check
 from usarsim_server.actuators.effectors import effector_types
-from usarsim_server.cli.robots import check
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect

@@ -25,11 +25,11 @@ from world_files import HEAD, START, write_world
 
 from usarsim_server.files import data_directory
 from usarsim_server.simulation.frames import quaternion_from_rpy
-from usarsim_server.worlds import scene as picture
 from usarsim_server.worlds import victims
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
 from usarsim_worldgen import GENERATORS, __main__, differences, files
+from usarsim_worldgen import drawing as picture
 from usarsim_worldgen.arena import MAZE
 from usarsim_worldgen.mjcf import Movable, Scene, number, turned
 from usarsim_worldgen.sheet import PELVIS_HEIGHT, GeneratedWorld
@@ -291,7 +291,7 @@ def test_the_maze_is_connected_and_its_closed_cells_have_a_hole() -> None:
 
 def drawn(world: str | Path, target: Path, width: int, height: int) -> np.ndarray:
     """The pixels (height, width, 3) that the picture program writes, red, green, blue."""
-    command = [sys.executable, "-m", "usarsim_server.worlds.scene", str(world), str(target)]
+    command = [sys.executable, "-m", "usarsim_worldgen.drawing", str(world), str(target)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "MUJOCO_GL": "egl"}
     size = ["--width", str(width), "--height", str(height)]
     subprocess.run([*command, *size], env=environment, check=True)

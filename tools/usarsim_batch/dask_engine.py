@@ -13,6 +13,7 @@ from typing import Any
 from usarsim_batch.errors import BatchError
 from usarsim_batch.tasks import Played, Run, T, failed
 from usarsim_batch.worker import Limits, Worker
+from usarsim_server.extras import missing
 
 _PATIENCE = 20.0
 """s for the scheduler to answer, and for a worker to be there."""
@@ -37,8 +38,7 @@ class Dask:
         try:
             self._dask: Any = import_module("distributed")
         except ImportError:
-            cure = "cure: pip install usarsim-server[cluster]"
-            raise BatchError(f"{self._place}: distributed is not installed ({cure})") from None
+            raise BatchError(f"{self._place}: {missing('distributed', 'cluster')}") from None
         for name in ("distributed", "distributed.client"):  # what they tell is told here
             logging.getLogger(name).setLevel(logging.CRITICAL)
         try:

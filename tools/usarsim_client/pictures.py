@@ -120,8 +120,13 @@ def opened(data: bytes) -> Iterator[OpenPicture]:
 
     Raises:
         ProtocolError: it is none, turns out to be damaged meanwhile, or has too many pixels.
+        ModuleNotFoundError: pillow is not installed.
     """
-    from PIL import Image
+    try:
+        from PIL import Image
+    except ImportError:
+        text = "JPEG pictures: pillow is not installed (pip install pillow)"
+        raise ModuleNotFoundError(text, name="PIL") from None
 
     try:
         with warnings.catch_warnings():

@@ -35,6 +35,8 @@ BEARERS = ("KitBench", "KitFlyer", "RescueP2AT", "AirRobot", "P3AT", "Kenaf", "N
 
 _PACE = 0.5
 """m/s of excursions."""
+HEADING = 1.0
+"""rad; yaw at which driven ones begin."""
 _GRAIN = 0.012
 """s: times with two digits are those of the report nearby."""
 
@@ -315,7 +317,7 @@ _DRIVES = (
     ("rest", 0.0, 0.0, 0.6),
     ("forward", 1.0, 1.0, 4.0),
     ("rest", 0.0, 0.0, 1.0),
-    ("clockwise", 0.6, -0.6, 8.0),
+    ("clockwise", 0.6, -0.6, 12.5),
     ("rest", 0.0, 0.0, 0.8),
     ("right", 1.0, 0.5, 6.0),
     ("left", 0.5, 1.0, 7.0),
@@ -338,7 +340,8 @@ async def drive_about(case: Case, class_name: str) -> Excursion:
     worn = await equipment(case, class_name)
 
     async def drive(case: Case) -> Excursion:
-        robot = await spawn_far(case, class_name)
+        place = Place(None, lane(case).location, (0.0, 0.0, HEADING))
+        robot = await spawn_far(case, class_name, place)
         try:
             radius, separation, limit = await wheels_of(robot)
         except Inconclusive as error:

@@ -18,11 +18,9 @@ from usarsim_conformance.registry import SERVICES, Check, Severity, Verdict
 from usarsim_conformance.report import Report
 from usarsim_conformance.reports import SIGNS
 from usarsim_conformance.runner import judge_all
+from usarsim_conformance.stage import FOLDER
 from usarsim_conformance.survey import Target
 from usarsim_server.children import python
-
-STAGE = Path(__file__).with_name("stage")
-"""A world like the empty one with a few people far off, and robots with sensors of every type."""
 
 _USARSIM = python("-m", "usarsim_server.cli")
 _PORTS = ("", "image-", "groundtruth-", "wireless-", "comserver-", "truth-")
@@ -55,8 +53,8 @@ class OwnServer(Closing):
             StartError: if it does not become ready.
         """
         ports = [f"--{name}port=0" for name in _PORTS]
-        command = [*_USARSIM, "serve", "--world", str(STAGE / "world")]
-        command += ["--robots", str(STAGE / "robots")]
+        command = [*_USARSIM, "serve", "--world", str(FOLDER / "world")]
+        command += ["--robots", str(FOLDER / "robots")]
         # On a busy machine robots that have left may be counted a little longer.
         command += ["--max-robots", str(_MOST_ROBOTS)]
         environment = {**os.environ, "PYTHONFAULTHANDLER": "1"}

@@ -41,6 +41,12 @@ class Place:
         )
         return f"{{Location {location}}} {{Rotation {rotation}}}"
 
+    @property
+    def is_tilted(self) -> bool:
+        """Whether it has a roll or a pitch of more than 0.01 rad."""
+        turns = [angle for angle in self.rotation[:2] if math.isfinite(angle)]
+        return any(abs(math.remainder(angle, math.tau)) > 0.01 for angle in turns)
+
     def moved(self, forward: float = 0.0, right: float = 0.0, down: float = 0.0) -> Place:
         """A place beside this one, m in the directions of its yaw, facing the same way."""
         x, y, z = self.location

@@ -13,6 +13,7 @@ from usarsim_client.inbox import ProtocolError
 from usarsim_client.services import road
 from usarsim_conformance.case import PATIENCE, Case
 from usarsim_conformance.control import Robot
+from usarsim_conformance.places import Place
 from usarsim_conformance.registry import Failed, Inconclusive, NotApplicable
 from usarsim_conformance.wire import Hangup, Wire
 
@@ -181,10 +182,16 @@ class Peer:
         self._open: list[Connection] = []
 
     @classmethod
-    async def arrive(cls, case: Case, service: str) -> Self:
-        """Connect to a service, spawn a robot, listen; `close` it, or use it in `async with`."""
+    async def arrive(cls, case: Case, service: str, place: Place | None = None) -> Self:
+        """Connect to a service, spawn a robot, listen; `close` it, or use it in `async with`.
+
+        Args:
+            case: the check.
+            service: to connect to.
+            place: of the robot; a free one by default.
+        """
         wire = await case.open(service)
-        robot = await case.spawn()
+        robot = await case.spawn(place=place)
         made: list[Self] = []
 
         async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -241,9 +248,9 @@ class Radio(Peer):
         self._calls: list[Wire] = []
 
     @classmethod
-    async def make(cls, case: Case, *, register: bool = True) -> Radio:
-        """Spawn a robot, listen, and register."""
-        radio = await cls.arrive(case, "wireless")
+    async def make(cls, case: Case, *, register: bool = True, place: Place | None = None) -> Radio:
+        """Spawn a robot, at a free place by default, listen, and register."""
+        radio = await cls.arrive(case, "wireless", place)
         if register:
             await radio.register()
         return radio

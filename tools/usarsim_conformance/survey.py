@@ -52,6 +52,7 @@ class Survey:
 
     greeting: Line | None  # its first line, or None
     places: tuple[Place, ...]  # where robots can be put
+    tilted: tuple[Place, ...] = ()  # start poses with a roll or a pitch, where most are not put
     robot: str | None  # class that could be spawned, or None
     native: str  # dialect that it speaks if not asked for any; empty without a robot
     dialects: Mapping[str, str]  # those to judge, each with the segment of INIT that asks for it
@@ -78,11 +79,13 @@ async def survey(target: Target, transcript: Transcript, clock: SimulatedClock) 
     """
     visit = _Visit(target, transcript, clock)
     client = await visit.connect()
-    greeting, starts = await _welcome(client)
+    greeting, told = await _welcome(client)
     clock.ask_on(client.wire)
+    tilted = tuple(place for place in told if place.is_tilted)
+    starts = [place for place in told if not place.is_tilted] or told
     places = spaced(starts) or [Place(None)]
     if target.start is not None:
-        places = [_named(place_from(target.start), starts)]
+        places = [_named(place_from(target.start), told)]
     aside = _aside(places[0], starts)
     if len(places) > 1 and aside is not None:
         places = [place for place in places if place != aside]
@@ -103,6 +106,7 @@ async def survey(target: Target, transcript: Transcript, clock: SimulatedClock) 
         return Survey(
             greeting=greeting,
             places=tuple(places),
+            tilted=tilted,
             robot=robot,
             native=native,
             dialects=await _dialects(visit, robot, places, native),
@@ -112,6 +116,7 @@ async def survey(target: Target, transcript: Transcript, clock: SimulatedClock) 
     return Survey(
         greeting=greeting,
         places=tuple(places),
+        tilted=tilted,
         robot=None,
         native="",
         dialects={wanted: ""},

@@ -5,18 +5,19 @@ Where people are, the truth port tells.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
 from statistics import fmean
 
 from usarsim_client import Line, actor
 from usarsim_conformance.case import Case
-from usarsim_conformance.control import Pose
+from usarsim_conformance.control import Pose, Robot
 from usarsim_conformance.excursions import Equipment, Mount, Track, equipment, spawn_far
 from usarsim_conformance.places import LEAVES, Place
 from usarsim_conformance.registry import DIALECTS, NotApplicable
 from usarsim_conformance.side_lines import LineClient
-from usarsim_conformance.walls import Vector, turned_by
+from usarsim_conformance.walls import Vector, controller, create, turned_by
 
 _VIEWS = (
     ("ahead", 2.0, 0.0, 2.0),
@@ -28,6 +29,11 @@ _VIEWS = (
     ("near", 0.9, 0.0, 2.0),
 )
 """Name, m to the person, rad to the right at which it is, s."""
+_TOWARDS_WALL = 0.8
+"""rad, to where a robot looks when a wall stands between; the others look to 0.2 to 1.4, so that
+nobody is in another's way."""
+_WALL = (0.1, 1.3, 2.0)
+"""m, half way between robot and person: thickness, width, height."""
 _HEAD = 0.65
 """m from a person's pelvis, which truth tells, up to the head, about."""
 
@@ -65,6 +71,8 @@ class Visit:
     equipment: Equipment  # of the robots
     person: Person  # who was visited
     views: dict[str, View]  # by name
+    walled: View | None
+    """From 2 m straight ahead with a wall half way; None without a world controller."""
 
     def mount(self, type: str) -> tuple[str, Mount]:
         """Name and place of the first sensor of a type on the body."""
@@ -124,39 +132,68 @@ async def visit(case: Case, class_name: str) -> Visit:
     async def look(case: Case) -> Visit:
         person = await _standing(case, walks=False)
         high = case.survey.places[0].location[2]
-        views = {}
-        for number, (name, distance, bearing, seconds) in enumerate(_VIEWS):
-            # Others may look at the same person, in another dialect or class: from their side.
-            side = DIALECTS.index(case.dialect) * math.pi
-            side += 0.0 if class_name == case.survey.robot else math.pi / 2.0
-            towards = 0.2 + 0.2 * number + side
-            yaw = towards - bearing
+        # Others may look at the same person, in another dialect or class: from their side.
+        side = DIALECTS.index(case.dialect) * math.pi
+        side += 0.0 if class_name == case.survey.robot else math.pi / 2.0
+
+        def before(towards: float, distance: float, yaw: float) -> Place:
             x = person.location[0] - distance * math.cos(towards)
             y = person.location[1] - distance * math.sin(towards)
-            robot = await spawn_far(case, class_name, Place(None, (x, y, high), (0.0, 0.0, yaw)))
-            track = Track(await robot.run(seconds))
-            pose = track.true_poses[-1][1]
-            views[name] = View(name, distance, bearing, pose, track)
+            return Place(None, (x, y, high), (0.0, 0.0, yaw))
+
+        async def view(
+            name: str, towards: float, distance: float, bearing: float, s: float
+        ) -> View:
+            place = before(towards, distance, towards - bearing)
+            robot = await spawn_far(case, class_name, place)
+            track = Track(await robot.run(s))
+            found = View(name, distance, bearing, track.true_poses[-1][1], track)
             robot.close()
             await case.clock.sleep(LEAVES)
-        return Visit(worn, person, views)
+            return found
+
+        views = {
+            name: await view(name, 0.2 + 0.2 * number + side, distance, bearing, seconds)
+            for number, (name, distance, bearing, seconds) in enumerate(_VIEWS)
+        }
+        walled, towards = None, _TOWARDS_WALL + side
+        with contextlib.suppress(NotApplicable):
+            client = await controller(case)
+            wall = before(towards, 1.0, towards).moved(down=-_WALL[2] / 2.0)
+            await create(case, client, wall, _WALL)
+            walled = await view("walled", towards, 2.0, 0.0, 2.0)
+            client.close()
+        return Visit(worn, person, views, walled)
 
     return await case.shared(f"{class_name} visits somebody", look)
 
 
-async def watch_walker(case: Case, class_name: str) -> list[tuple[float, float, float]]:
-    """What HumanMotion says of somebody who walks: distance in m, speed in m/s, probability."""
+@dataclass(frozen=True)
+class Walker:
+    """What HumanMotion says of somebody who walks."""
 
-    async def watch(case: Case) -> list[tuple[float, float, float]]:
+    ahead: list[tuple[float, float, float]]
+    """Before the robot: distance in m, speed in m/s, probability."""
+    behind: list[float]  # probabilities, 2.2 m and less behind the robot's back
+
+
+async def watch_walker(case: Case, class_name: str) -> Walker:
+    """Somebody who walks before robots of a class, and behind the back of one."""
+
+    async def watch(case: Case) -> Walker:
         person = await _standing(case, walks=True)
         worn = await equipment(case, class_name)
         mount = next(iter(worn.on_body("HumanMotion").values()))
         high = case.survey.places[0].location[2]
         found: list[tuple[float, float, float]] = []
+
+        async def beside(away: float, yaw: float) -> Robot:
+            x, y, _ = person.location
+            place = Place(None, (x + away, y, high), (0.0, 0.0, yaw))
+            return await spawn_far(case, class_name, place)
+
         for away in (2.2, 3.2):
-            x, y = person.location[0] + away, person.location[1]
-            place = Place(None, (x, y, high), (0.0, 0.0, math.pi))
-            robot = await spawn_far(case, class_name, place)
+            robot = await beside(away, math.pi)
             course: list[tuple[float, Vector]] = []
             begun = len(robot.client.lines)
             for _ in range(45):
@@ -176,6 +213,10 @@ async def watch_walker(case: Case, class_name: str) -> list[tuple[float, float, 
                     (math.hypot(*view.seen_from(mount, chest)), speed, line.number("Prob"))
                 )
             robot.close()
-        return found
+        robot = await beside(2.2, 0.0)
+        lines = await robot.run(6.0)
+        robot.close()
+        behind = [line.number("Prob") for line in lines if line.type == "HumanMotion"]
+        return Walker(found, behind)
 
     return await case.shared(f"{class_name} watches somebody walk", watch)

@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import Any
 
 from usarsim_server.errors import UsarsimError
+from usarsim_server.extras import need
 
 
 class ExplorationError(UsarsimError):
@@ -19,10 +20,7 @@ def scipy(part: str) -> Any:
         part: such as `optimize`.
 
     Raises:
-        ExplorationError: scipy is not installed.
+        MissingLibraryError: scipy is not installed.
     """
-    try:
-        return import_module(f"scipy.{part}")
-    except ImportError as error:
-        cure = "pip install usarsim-server[exploration]"
-        raise ExplorationError(f"scipy is not installed ({cure})") from error
+    need("scipy", extra="exploration", asker="this strategy")
+    return import_module(f"scipy.{part}")

@@ -5,11 +5,9 @@ Importing this registers `usarsim/ExploreGrid-v0`, `usarsim/ExploreFrontiers-v0`
 itself. Teams are `ExploreTeam` and `ExplorePhysicsTeam`. See docs/gym.md.
 """
 
-from importlib.util import find_spec
+from usarsim_server.extras import need
 
-for _name in ("gymnasium", "pettingzoo"):
-    if find_spec(_name) is None:
-        raise ImportError(f"{_name} is not installed (pip install usarsim-server[gym])", name=_name)
+need("gymnasium", "pettingzoo", extra="gym", asker="usarsim_gym")
 
 import gymnasium  # noqa: E402
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
-import importlib.util
 import os
 import sys
 import webbrowser
@@ -18,6 +17,7 @@ from usarsim_client import ProtocolError
 from usarsim_operator.roles import Role, Tokens, hosts_of
 from usarsim_operator.tokens import kept_tokens
 from usarsim_server.errors import UsarsimError
+from usarsim_server.extras import need as need_libraries
 from usarsim_server.processes import GRACE, calling
 
 if TYPE_CHECKING:
@@ -100,8 +100,7 @@ def need(arguments: argparse.Namespace) -> None:
     Raises:
         UsarsimError: if the extra is not installed, or an option cannot be obeyed.
     """
-    if importlib.util.find_spec("aiohttp") is None:
-        raise UsarsimError('the console needs aiohttp (pip install "usarsim-server[console]")')
+    need_libraries("aiohttp", extra="console", asker="the console")
     if not 0.0 <= arguments.viewer_delay <= 600.0:
         raise UsarsimError("--viewer-delay: must be from 0 to 600")
     if arguments.record is not None and os.path.lexists(arguments.record):

@@ -129,6 +129,20 @@ def encode_jpeg(pixels: NDArray[np.uint8], quality: int, head: bytes) -> memoryv
     return memoryview(message)
 
 
+def encode_png(pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+    """A PNG file of a picture.
+
+    Args:
+        pixels: (height, width, 3), red first, or (height, width) of grey values with 8 or 16 bits.
+    """
+    import cv2
+
+    if pixels.ndim == 3:
+        pixels = pixels[..., ::-1]
+    _, content = cv2.imencode(".png", pixels)
+    return content.tobytes()
+
+
 def _raw(pixels: NDArray[np.uint8], image_type: ImageType) -> memoryview:
     """Header, size, and rows of blue, green, red, each filled up to a multiple of four bytes."""
     height, width = pixels.shape[:2]

@@ -3,7 +3,8 @@
 A file of this folder whose docstring begins with "`usarsim NAME`: what it does." is a subcommand;
 so is a module that a package names in the entry point group `usarsim.commands`. It defines
 `add_parser(subparsers)`, which adds one parser and sets its default `run`, a function from the
-parsed arguments to the exit code. Only the subcommand that is called is imported.
+parsed arguments to the exit code. Only the subcommand that is called is imported. An entry point
+names the extra that brings its libraries, as in `film = "usarsim_film.command [console]"`.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from importlib.metadata import entry_points
 
 from usarsim_server import __version__, streams
 from usarsim_server.errors import UsarsimError
+from usarsim_server.extras import missing
 
 __all__ = ["GROUP", "build_parser", "main"]
 
@@ -36,7 +38,7 @@ def _commands() -> Iterator[tuple[str, str, str]]:
     """Name, one line of help and module of every subcommand; none of them is imported."""
     own = {entry.name for entry in pkgutil.iter_modules(__path__)}
     modules = {f"{__name__}.{name}" for name in own}
-    modules |= {point.value for point in entry_points(group=GROUP)}
+    modules |= {point.module for point in entry_points(group=GROUP)}
     for module in modules:
         try:
             spec = importlib.util.find_spec(module)
@@ -94,6 +96,14 @@ def _run(argv: Sequence[str] | None) -> int:
     try:
         arguments = build_parser(called).parse_args(argv)
         code: int = arguments.run(arguments)
+    except ModuleNotFoundError as error:
+        library = str(error.name).partition(".")[0]
+        points = entry_points(group=GROUP).select(name=called[0]) if called else ()
+        found = [extra for point in points for extra in point.extras]
+        if not found or library.startswith("usarsim"):
+            raise
+        print(f"error: usarsim {called[0]}: {missing(library, found[0])}", file=sys.stderr)
+        return 2
     except UsarsimError as error:
         if isinstance(error, streams.OutputError):
             streams.mute()

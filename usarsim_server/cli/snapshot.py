@@ -177,19 +177,17 @@ def _write(
     arguments: argparse.Namespace, assembly: Assembly, snapshot: Snapshot, picture: NDArray[Any]
 ) -> None:
     import numpy as np
-    from PIL import Image
+
+    from usarsim_server.cameras.encoding import encode_png
 
     if arguments.mode == "depth":
         millimetres = np.where(np.isfinite(picture), np.rint(1000.0 * picture), 0.0)
-        image = Image.fromarray(np.where(millimetres > _FARTHEST, 0, millimetres).astype(np.uint16))
+        picture = np.where(millimetres > _FARTHEST, 0, millimetres).astype(np.uint16)
     elif arguments.mode == "segmentation":
-        colors, rows = _objects(assembly, snapshot, picture)
-        image = Image.fromarray(colors)
+        picture, rows = _objects(assembly, snapshot, picture)
         print(table(("COLOUR", "PIXELS", "OBJECT"), rows))
-    else:
-        image = Image.fromarray(picture)
     with written(arguments.file) as file:
-        image.save(file, format="PNG")
+        file.write(encode_png(picture))
 
 
 def _objects(

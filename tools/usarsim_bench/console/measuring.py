@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import importlib.util
 from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import replace
 from typing import Any
@@ -14,6 +13,7 @@ from usarsim_bench.console.browser import chromium
 from usarsim_bench.console.gateway import Rig
 from usarsim_bench.figures import Figure, Plan, Section
 from usarsim_bench.server import BenchError
+from usarsim_server.extras import need
 from usarsim_server.processes import calling
 
 ROBOTS = 16
@@ -44,8 +44,7 @@ BESIDE: Mapping[str, Measure] = {
 
 def measure_console(plan: Plan) -> Section:
     """Take the items of `plan.only`, or all of them, beside one server and one gateway."""
-    if importlib.util.find_spec("aiohttp") is None:
-        raise BenchError('the console needs aiohttp (pip install "usarsim-server[console]")')
+    need("aiohttp", extra="console", asker="the console")
     robots = plan.robots or ROBOTS
     figures: list[Figure] = []
     failed: list[str] = []

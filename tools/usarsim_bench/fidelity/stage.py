@@ -6,6 +6,7 @@ import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from usarsim_doctor.test_drive import ContactProbe
 from usarsim_server.logs import ROOT
 from usarsim_server.simulation.frames import (
     Pose,
@@ -15,7 +16,6 @@ from usarsim_server.simulation.frames import (
 )
 from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import Closing, Rehearsal, Vehicle
-from usarsim_server.testing.test_drive import ContactProbe
 
 SETTLE = 1.0
 """s that a robot is given to come to rest before a test."""

@@ -18,6 +18,7 @@ from usarsim_bench.fidelity import worlds
 from usarsim_bench.fidelity.stage import Stage, turned, yaw_of
 from usarsim_bench.fidelity.workshop import Workshop
 from usarsim_bench.fidelity.worlds import FIELD_START, POST, POSTS, Scene
+from usarsim_doctor.test_drive import tilt
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.engine import Engine
@@ -25,7 +26,6 @@ from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import robot_model
-from usarsim_server.testing.test_drive import tilt
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
 

@@ -7,7 +7,6 @@ while no session runs.
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import json
 import os
 import re
@@ -19,6 +18,7 @@ from pathlib import Path
 from usarsim_bench.hostile.attack import MIB
 from usarsim_bench.hostile.web_attacks import TOKENS
 from usarsim_bench.server import BenchError, CarefulClosing, Program
+from usarsim_server.extras import need
 
 MOST_GROWTH = 64 * MIB
 """Bytes by which the memory of each may grow."""
@@ -71,8 +71,7 @@ class WebServers(CarefulClosing):
         Raises:
             BenchError: one of them does not start, or cannot here.
         """
-        if importlib.util.find_spec("aiohttp") is None:
-            raise BenchError('the console needs aiohttp (pip install "usarsim-server[console]")')
+        need("aiohttp", extra="console", asker="the console")
         self._folder = tempfile.TemporaryDirectory(prefix="usarsim-bench-")
         folder = Path(self._folder.name)
         self._pages: list[_Page] = []

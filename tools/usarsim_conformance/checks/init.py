@@ -6,6 +6,7 @@ import math
 import re
 
 from usarsim_conformance.case import PATIENCE, Case
+from usarsim_conformance.control import Pose, turned
 from usarsim_conformance.places import Place
 from usarsim_conformance.recordings import standing
 from usarsim_conformance.registry import Severity, control, once, udk, unreal
@@ -171,19 +172,32 @@ async def no_place(case: Case) -> None:
     await case.appears(f"INIT {{ClassName USARBot.{case.robot_class}}} {{Name {case.new_name()}}}")
 
 
+_YAW = 0.6
+"""rad; neither an axis nor its own mirror image."""
+
+
+def _judge_yaw(case: Case, pose: Pose, wanted: float, after: str) -> None:
+    found = turned(0.0, pose.yaw)
+    case.expect(
+        abs(turned(wanted, found)) < 0.025,
+        f"yaw of Orientation is {found:.3f} after {after} of {wanted:.3f} rad, not that",
+    )
+
+
 @control("init.location", "Spawns at the Location", "6, no. 63")
 async def location(case: Case) -> None:
-    """The first reported pose agrees with Location and Rotation within 5 cm and 0.02 rad in x, y
-    and yaw on flat ground."""
+    """The first reported pose agrees with Location and Rotation, a yaw of 0.6 rad, within 5 cm and
+    0.02 rad in x, y and yaw on flat ground."""
     base = await case.place()
     case.need(base.tag is None or any(base.location), "the server lists no start poses")
-    place = base.moved(right=0.4)
-    robot = await case.spawn(place=place)
-    pose = await robot.pose()
+    place = Place(None, base.moved(right=0.4).location, (0.0, 0.0, _YAW))
+    pose = await (await case.spawn(place=place)).pose()
     away = math.dist(pose.location[:2], place.location[:2])
-    case.expect(away < 0.05, f"asked for {place.location}, it stands at {pose.location}")
-    turned = math.remainder(pose.yaw - place.rotation[2], math.tau)
-    case.expect(abs(turned) < 0.025, f"asked for yaw {place.rotation[2]}, it has {pose.yaw}")
+    case.expect(
+        away < 0.05,
+        f"Location is {pose.location} after INIT with {place.location}, {away:.2f} m off",
+    )
+    _judge_yaw(case, pose, _YAW, "INIT with Rotation")
 
 
 @once("init.extras", "Unknown segments of INIT", "6, no. 78")
@@ -237,6 +251,29 @@ async def start(case: Case) -> None:
     pose = await robot.pose()
     away = math.dist(pose.location[:2], place.location[:2])
     case.expect(away < 0.1, f"Start {tag} led to {pose.location} instead of {place.location}")
+    _judge_yaw(case, pose, place.rotation[2], f"INIT with Start {tag}")
+
+
+@control("init.start-yaw", "Start poses face where they are said to", "4.2; 6, no. 76 and 83")
+async def start_yaw(case: Case) -> None:
+    """A robot at a listed start pose that does not face along x has the listed yaw, in radians and
+    clockwise, within 0.025. Not applicable if all face along x."""
+    turned_ones = [
+        place
+        for place in (*case.survey.tilted, *case.run.places.all)
+        if abs(math.remainder(place.rotation[2], math.pi)) > _SHOWS
+    ]
+    if not turned_ones:
+        case.skip("all start poses face along x")
+    await case.place()  # so many robots at a time and no more
+    for place in turned_ones[:2]:
+        robot = await case.spawn(place=place)
+        _judge_yaw(case, await robot.pose(), place.rotation[2], f"INIT with Start {place.tag}")
+        robot.close()
+
+
+_SHOWS = 0.2
+"""rad from the x axis, ahead or back; a yaw that is mirrored is another one then."""
 
 
 @once("init.unknown-start", "An unknown Start spawns anyway", "6, no. 77", exclusive=True)

@@ -256,13 +256,19 @@ async def acoustic(case: Case) -> None:
     "values.human-motion", "HumanMotion tells who moves", "2.9", Severity.SHOULD, dialects=UT2004
 )
 async def human_motion(case: Case) -> None:
-    """Prob is 0 while nobody moves, and falls in proportion to the distance of who walks, from 1 at
-    the sensor."""
+    """Prob is 0 while nobody moves, and behind the robot's back, and falls in proportion to the
+    distance of who walks, from 1 at the sensor."""
     found = await _visit(case, "HumanMotion")
     for _, line in found.views["ahead"].track.of("HumanMotion"):
         case.expect(line.number("Prob") == 0.0, f"Prob before somebody who stands: {line}")
     told = await watch_walker(case, found.equipment.class_name)
-    walking = [(away, prob) for away, speed, prob in told if speed > 0.45]
+    case.need(len(told.behind) > 15, "too few HumanMotion lines with somebody behind")
+    case.expect(
+        not any(told.behind),
+        f"Prob is up to {max(told.behind):g}, not 0, while somebody walks behind the robot, which "
+        "faces away (robots reference 2.9: within the field of view)",
+    )
+    walking = [(away, prob) for away, speed, prob in told.ahead if speed > 0.45]
     case.need(len(walking) > 15, "the walker hardly walks")
     case.expect(all(0.0 <= prob <= 1.0 for _, prob in walking), "Prob is not within 0 and 1")
     case.expect(any(prob > 0.0 for _, prob in walking), "Prob is 0 before somebody who walks")

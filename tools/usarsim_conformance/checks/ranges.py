@@ -242,7 +242,7 @@ def _scan(found: Surrounded, type: str, scenes: list[Scene]) -> Iterator[Beam]:
                 yield Beam(scene, name, f"{name}, beam {number + 1}", start, way, value, perhaps)
 
 
-async def _scanner(case: Case, type: str, least: bool) -> None:
+async def _scanner(case: Case, type: str, least: bool, found: Surrounded | None = None) -> None:
     def judge(found: Surrounded) -> None:
         seen = 0
         for beam in _scan(found, type, found.of()):
@@ -250,7 +250,7 @@ async def _scanner(case: Case, type: str, least: bool) -> None:
             seen += 1
         case.need(seen > 10, f"too few {type} lines")
 
-    explained(await walls_for(case, type), type, judge)
+    explained(found or await walls_for(case, type), type, judge)
 
 
 @measured(
@@ -260,6 +260,27 @@ async def scan_range(case: Case) -> None:
     """Range of every beam of a RangeScanner is the distance of the wall in its direction, beams
     going from +Fov/2, the right, to -Fov/2 by Resolution; MaxRange of CONF beyond."""
     await _scanner(case, "RangeScanner", False)
+
+
+_WIDE = ("Zerg", "Matilda")
+"""Classes whose scanners look back to both sides, too."""
+
+
+@measured(
+    "values.scan-wide", "A scan of more than half a turn goes from the right to the left", "2.3"
+)
+async def scan_wide(case: Case) -> None:
+    """Beams of a RangeScanner with a Fov of more than pi go from +Fov/2, behind on the right, to
+    -Fov/2, too. Not applicable without such a scanner."""
+    for class_name in (case.robot_class, *_WIDE):
+        worn = await equipment(case, class_name)
+        on_body = worn.on_body("RangeScanner")
+        for name, conf in worn.configured("RangeScanner").items():
+            if float(conf.get("Fov", "0")) > math.pi + 0.1 and name in on_body:
+                found = await among_walls(case, class_name)
+                await _scanner(case, "RangeScanner", False, found)
+                return
+    case.skip("no scanner known here sees more than half a turn")
 
 
 @measured("values.ir-scan-range", "A scan by infrared measures a wall", "2.3")

@@ -11,6 +11,7 @@ from statistics import fmean, linear_regression, median
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import turned
 from usarsim_conformance.excursions import (
+    HEADING,
     Excursion,
     Stretch,
     Track,
@@ -143,6 +144,77 @@ async def odometry_path(case: Case) -> None:
                     f"{what} of Pose changed by {found:.3f} m driving {name}, by theta and the "
                     f"wheels {due[axis]:.3f} m",
                 )
+
+
+_ROUNDS = 3.0 * math.tau
+"""rad; whoever wraps theta does so before."""
+
+
+@measured(
+    "values.odometry-turns", "Theta of Odometry has no jumps", "2.4; protocol reference 2.5 and 4.6"
+)
+async def odometry_turns(case: Case) -> None:
+    """Odometry is 0,0,0 at first where a robot is put with a yaw of 1 rad, and theta has no jumps
+    while it turns round three times: it is not wrapped, and is no heading of the world."""
+    drive = await _drive(case, "Odometry")
+    poses = [(time, line.numbers("Pose")) for time, line in drive.track.of("Odometry")]
+    case.need(len(poses) > 5, "too few Odometry lines")
+    for axis, value in zip(("x", "y", "theta"), poses[0][1], strict=True):
+        case.expect(
+            abs(value) < 0.03,
+            f"{axis} of Pose is {value:.3f} where the robot was put, with a yaw of {HEADING:g} "
+            "rad, not 0",
+        )
+    for (_, before), (time, after) in pairwise(poses):
+        case.expect(
+            abs(after[2] - before[2]) < math.pi / 2.0,
+            f"theta of Pose is {after[2]:.3f} at {time:.2f} s and was {before[2]:.3f} in the "
+            "report before: it jumps",
+        )
+    angles = [pose[2] for _, pose in poses]
+    if max(angles) - min(angles) < _ROUNDS:
+        case.skip(f"the robot turned by {max(angles) - min(angles):.1f} rad only")
+
+
+_SCATTER = 0.01
+_SPAN = 1.0
+"""s over which ticks are counted: single ticks do not matter then."""
+_FEWEST = 60.0
+"""Ticks per s below which rounding hides what scatters."""
+
+
+@measured("values.encoder-scatter", "Ticks come evenly", "2.4")
+async def encoder_scatter(case: Case) -> None:
+    """At constant speed the ticks of a second scatter by no more than 1 percent in the root mean
+    square, but for what is cut off: noise is of the turn since the last report, not of all turns
+    since the start."""
+    drive = await _drive(case, "Encoder")
+    configured = drive.equipment.configured("Encoder")
+    judged = 0
+    for name in ("forward", "back", "clockwise", "anticlockwise"):
+        for stretch in drive.of(name):
+            for item, told in stretch.steady.items("Encoder", "Tick").items():
+                values = [(time, float(tick)) for time, tick in told]
+                if case.dialect == "udk" and "Resolution" in configured.get(item, {}):
+                    turn = round(math.tau / float(configured[item]["Resolution"]))
+                    values = unwrapped(values, turn)
+                rates = [
+                    (b - a) / (after - before)
+                    for before, a in values
+                    for after, b in values
+                    if _SPAN - 1e-3 <= after - before < _SPAN + 0.11
+                ]
+                mean = fmean(rates) if rates else 0.0
+                if len(rates) < 5 or abs(mean) < _FEWEST:
+                    continue
+                judged += 1
+                found = math.sqrt(fmean((one / mean - 1.0) ** 2 for one in rates))
+                case.expect(
+                    found < _SCATTER + 0.5 / abs(mean) / _SPAN,
+                    f"Tick of {item} grows by {mean:.0f}/s driving {name}, and scatters by "
+                    f"{100.0 * found:.1f} percent about that, not by up to {100.0 * _SCATTER:g}",
+                )
+    case.need(judged, "too few ticks to tell how they scatter")
 
 
 def _side(name: str, carrier: str, across: float) -> int:

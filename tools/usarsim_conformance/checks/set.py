@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 
 from usarsim_conformance.case import PATIENCE, Case
-from usarsim_conformance.control import Robot
+from usarsim_conformance.control import Robot, turned
 from usarsim_conformance.lines import Line
 from usarsim_conformance.recordings import items_of, standing, wheels_of
 from usarsim_conformance.registry import NotApplicable, Severity, once, udk, unreal, ut2004
 
 _RESCUE = ("RescueP2AT", "P2AT_ATLANTA", "MultiView")
 """Classes of the original's contests; some carry an RFID reader."""
+_TURNS_WITHIN = 20.0
+"""s in which a skid steered robot turns about."""
 
 
 async def _item(case: Case, type: str) -> str:
@@ -27,24 +29,34 @@ async def _responses(robot: Robot, command: str, seconds: float = 0.7) -> list[L
     return [line for line in lines if line.head == "RES"]
 
 
+_TURN = 1.2
+"""rad; a pose that is reset has a theta worth mention."""
+
+
 async def _reset(case: Case, end: str) -> None:
     name = await _item(case, "Odometry")
     robot = await case.spawn()
     await wheels_of(robot)
-    await case.drive(robot, "DRIVE {Left 3} {Right 3}", 1.0)
-    moved = await robot.odometry()
-    case.need(moved[0] > 0.03, f"odometry shows {moved} after driving forward")
+    await robot.under("DRIVE {Left 3} {Right 3}", seconds=1.0)
+    await robot.under("DRIVE {Left 3} {Right -3}", seconds=0.6)
+    latest = robot.now + _TURNS_WITHIN
+    while (moved := await robot.odometry())[2] < _TURN and robot.now < latest:
+        await robot.run(0.4)
+    case.need(
+        moved[0] > 0.03 and moved[2] > _TURN, f"odometry shows {moved} after way ahead and a turn"
+    )
     await robot.send("DRIVE {Left 0} {Right 0}")
     await robot.run(0.8)
     await robot.send(f"SET {{Type Odometry}} {{Name {name}}} {{Opcode RESET}}{end}")
     await robot.run(0.4)
-    pose = await robot.odometry()
-    case.expect(max(map(abs, pose)) < 0.02, f"odometry is {pose} after RESET")
+    for axis, value in zip(("x", "y", "theta"), await robot.odometry(), strict=True):
+        case.expect(abs(value) < 0.02, f"{axis} of Pose is {value:.3f} after RESET, not 0")
 
 
 @unreal("set.odometry-reset", "RESET of Odometry", "6, no. 109")
 async def odometry_reset(case: Case) -> None:
-    """`SET {Type Odometry} {Name n} {Opcode RESET}` returns the pose to 0,0,0."""
+    """`SET {Type Odometry} {Name n} {Opcode RESET}` returns the pose to 0,0,0, also after a
+    turn."""
     await _reset(case, "")
 
 
@@ -106,14 +118,26 @@ async def scan(case: Case) -> None:
 
 @unreal("set.ins-pose", "POSE sets the estimate of INS", "3.7", Severity.SHOULD)
 async def ins_pose(case: Case) -> None:
-    """`SET {Type INS} {Name n} {Opcode POSE} {Params x,y,z,roll,pitch,yaw}` sets the estimate."""
+    """`SET {Type INS} {Name n} {Opcode POSE} {Params x,y,z,roll,pitch,yaw}` sets the estimate, each
+    number where it belongs: angles within 0.03 rad."""
     name = await _item(case, "INS")
     robot = await case.spawn()
     await robot.run(0.8)
-    await robot.send(f"SET {{Type INS}} {{Name {name}}} {{Opcode POSE}} {{Params 7,8,-9,0,0,0.5}}")
+    pose = (7.0, 8.0, -9.0, 0.1, 0.2, 0.5)
+    params = ",".join(f"{value:g}" for value in pose)
+    await robot.send(f"SET {{Type INS}} {{Name {name}}} {{Opcode POSE}} {{Params {params}}}")
     await robot.run(0.4)
     line = await robot.sensor("INS")
-    case.expect(math.dist(line.numbers("Location"), (7, 8, -9)) < 0.3, f"it is {line}")
+    told = (*line.numbers("Location"), *line.numbers("Orientation"))
+    case.need(len(told) == len(pose), f"no Location and Orientation of three numbers each: {line}")
+    for number, (found, wanted) in enumerate(zip(told, pose, strict=True)):
+        key, axis, slack = ("Location", "xyz"[number], 0.3) if number < 3 else (
+            "Orientation", ("roll", "pitch", "yaw")[number - 3], 0.03)  # fmt: skip
+        off = abs(found - wanted) if number < 3 else abs(turned(wanted, found))
+        case.expect(
+            off < slack,
+            f"{axis} of {key} of INS is {found:.2f} after SET POSE {params}, not {wanted:g}",
+        )
 
 
 @unreal("set.zoom", "Zoom with a nameless parameter", "6, no. 166")

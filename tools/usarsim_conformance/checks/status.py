@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 from itertools import pairwise
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.checks.values import lit
-from usarsim_conformance.lines import Line
+from usarsim_conformance.control import Robot
+from usarsim_conformance.lines import Line, numbers
 from usarsim_conformance.recordings import irregular, standing, watched
 from usarsim_conformance.registry import (
     Severity,
@@ -18,6 +20,7 @@ from usarsim_conformance.registry import (
     unreal,
     ut2004,
 )
+from usarsim_conformance.side_lines import LineClient, split_reply
 
 _GROUND = re.compile(
     r"STA \{Type GroundVehicle\} \{Time \d+\.\d\d\} \{FrontSteer -?\d+\.\d{4}\}"
@@ -29,6 +32,12 @@ _GROUND_UDK = re.compile(
     r" \{LightToggle (True|False)\} \{LightIntensity 100\}"
     r" \{FrontSteer (0|-?\d+\.\d{4})\} \{RearSteer (0|-?\d+\.\d{4})\}"
 )
+_FULL_SPEED = (
+    "DRIVE {Left 3} {Right 3}",
+    "DRIVE {Speed 3} {FrontSteer 0} {RearSteer 0}",
+    "DRIVE {AltitudeVelocity 1} {LinearVelocity 2} {LateralVelocity 0} {RotationalVelocity 0}",
+)
+"""Commands ahead of skid steered robots, cars and aircraft; each passes the others over."""
 _PERIODS = {"ut2004": 0.2, "udk": 0.1}
 
 
@@ -200,3 +209,28 @@ async def battery_dead(case: Case) -> None:
     lines = await robot.run(1.0)
     late = [line for line in lines if line.head == "SEN"]
     case.expect(not late, f"a dead robot still senses: {late[:1]}")
+    case.expect(any(line.head == "STA" for line in lines), "STA ends with Battery 0, not SEN only")
+    await _stays(case, robot)
+
+
+async def _stays(case: Case, robot: Robot) -> None:
+    """Fail if a robot without battery drives; where it is, GETPOS tells."""
+    if "groundtruth" not in case.target.ports:
+        return
+    client = await LineClient.open(case, "groundtruth")
+
+    async def where() -> tuple[float, ...]:
+        groups = split_reply(await client.ask("GETPOS"))[1]
+        told = [group for group in groups if group.get("Name") == robot.name]
+        return numbers(told[0].get("Location")) if told else ()
+
+    before = await where()
+    case.need(len(before) == 3, f"GETPOS does not list {robot.name}")
+    await robot.client.send(*_FULL_SPEED)
+    await robot.run(2.5)
+    away = math.dist(before[:2], (await where())[:2])
+    case.expect(
+        away < 0.1,
+        f"Location of GETPOS changes by {away:.2f} m within 2.5 s under DRIVE with Battery 0, not "
+        "by less than 0.1 (protocol reference 6, no. 92: DRIVE has no effect)",
+    )

@@ -12,6 +12,8 @@ from usarsim_conformance.control import Robot
 from usarsim_conformance.lines import numbers
 from usarsim_conformance.registry import Severity, checks_of
 from usarsim_conformance.side_lines import LineClient, split_reply
+from usarsim_conformance.stage import facts, need_stage, spot
+from usarsim_conformance.visits import people
 
 truth = checks_of("truth")
 
@@ -321,3 +323,32 @@ async def slow_reader(case: Case) -> None:
     await stalled.wire.send(b"\r\n" * 3000)
     for _ in range(3):
         await _ask(case, other)
+
+
+@truth("listing.victims", "Victims are where the world says, and walk", "6.2")
+async def victims(case: Case) -> None:
+    """Location of the victims is that of the world: who lies or stands stays there, and who walks
+    to and fro at 0.5 m/s comes at least 0.3 m far within 5 s. Judged on the kit's own stage."""
+    need_stage(case, "victims of known places")
+    places = []
+    for _ in range(6):
+        places.append([place for _, place in (await people(case)).values()])
+        await case.clock.sleep(1.0)
+    for one in facts()["victim"]:
+        wanted = spot("victim", one["name"])
+        walks = "motion" in one["properties"]
+        found = [min(some, key=lambda place: math.dist(place, wanted)) for some in places if some]
+        case.need(found, "nobody of a class of victims is listed")
+        off = max(math.dist(place, wanted) for place in found)
+        limit = 4.5 if walks else 0.3
+        case.expect(
+            off < limit,
+            f"Location of the victim {one['name']} is {off:.2f} m off {wanted}, its place in the "
+            f"file of the world, not {limit} at most",
+        )
+        way = max(math.dist(found[0], place) for place in found)
+        case.expect(
+            not walks or way > 0.3,
+            f"Location of the victim {one['name']} changes by {way:.2f} m within 5 s, not by 0.3 "
+            "and more: by the file of the world it walks at 0.5 m/s",
+        )

@@ -27,12 +27,22 @@ def _row(case: Case) -> float:
     return 2.0 * next(case.run.numbers)
 
 
-async def _create(case: Case, client: ControlClient, x: float = 0.0) -> tuple[str, float]:
-    """An object at x and a y of its own; its name and that y."""
-    name, y = case.new_name(), _row(case)
+async def _create(
+    case: Case,
+    client: ControlClient,
+    x: float = 0.0,
+    *,
+    name: str = "",
+    y: float | None = None,
+    z: float = _HIGH,
+    permanent: bool = False,
+) -> tuple[str, float]:
+    """An object at x; its name and its y, both its own unless given."""
+    name, y = name or case.new_name(), _row(case) if y is None else y
     await client.send(
         f"CONTROL {{Type Create}} {{ClassName Box}} {{Name {name}}} {{Memory red}}"
-        f" {{Location {x},{y},{_HIGH}}} {{Rotation 0,0,0}} {{Physics None}} {{Permanent false}}"
+        f" {{Location {x},{y},{z}}} {{Rotation 0,0,0}} {{Physics None}}"
+        f" {{Permanent {'true' if permanent else 'false'}}}"
     )
     return name, y
 
@@ -109,17 +119,57 @@ async def same_name(case: Case) -> None:
     case.expect(abs(line.numbers("Location")[0]) < 0.1, f"it was replaced: {line}")
 
 
+@once("world.name-again", "A name is free after Kill", "3.14", Severity.SHOULD)
+async def name_again(case: Case) -> None:
+    """After Kill an object of the same name can be created, also somewhere else, and again."""
+    client, name, y = await _created(case)
+    for x in (3.0, 6.0):
+        await client.send(f"CONTROL {{Type Kill}} {{Name {name}}}")
+        gone = await case.soon(partial(_gone, client, name), 3.0)
+        case.need(gone, "Kill removes nothing")
+        await _create(case, client, x, name=name, y=y)
+        line = await status_of(client, name)
+        at = line.numbers("Location")
+        case.expect(
+            line.get("Name") == name and len(at) == 3 and abs(at[0] - x) < 0.1,
+            f"Name {name} is not created at {x:g},{y:g},{_HIGH:g} after Kill of an object of that "
+            f"name: GetSTA tells {line.text} (protocol reference 3.14: refused if the name exists)",
+        )
+
+
 @once("world.kill-all", "KillAll with a box", "6, no. 170", exclusive=True)
 async def kill_all(case: Case) -> None:
-    """KillAll with a box removes only objects strictly inside, whichever corner comes first."""
+    """KillAll with a box removes only objects strictly inside, whichever corner comes first, on all
+    axes; permanent ones stay, also without a box."""
     client, inside, y = await _created(case)
-    outside, _ = await _create(case, client, x=5.0)
-    corners = f"{{MinPos 1,{y + 1},{_HIGH + 1}}} {{MaxPos -1,{y - 1},{_HIGH - 1}}}"
+    others = {"outside the box along x": (await _create(case, client, x=5.0, y=y))[0]}
+    others["outside the box along y"], _ = await _create(case, client, y=y + 3.0)
+    others["outside the box along z"], _ = await _create(case, client, y=y, z=_HIGH - 3.0)
+    permanent, _ = await _create(case, client, x=0.8, y=y, permanent=True)
+    for name in (*others.values(), permanent):
+        line = await status_of(client, name)
+        case.need(line.get("Name") == name, f"an object beside others is not created: {line}")
+    corners = f"{{MinPos 2,{y + 1},{_HIGH + 1}}} {{MaxPos -1,{y - 1},{_HIGH - 1}}}"
     await client.send(f"CONTROL {{Type KillAll}} {corners}")
     inside_gone = await case.soon(partial(_gone, client, inside), 3.0)
-    case.expect(inside_gone, "the object inside is still there")
-    line = await status_of(client, outside)
-    case.expect(line.get("Name") == outside, "the object outside is gone")
+    case.expect(inside_gone, f"the object inside is still there: Name {inside} after KillAll")
+    for where, name in {**others, "inside the box and Permanent": permanent}.items():
+        line = await status_of(client, name)
+        case.expect(
+            line.get("Name") == name,
+            f"Name {name} is gone after KillAll with {corners}, not still listed: the object was "
+            f"{where} (protocol reference 3.14)",
+        )
+    await client.send("CONTROL {Type KillAll}")
+    for name in others.values():
+        gone = await case.soon(partial(_gone, client, name), 3.0)
+        case.expect(gone, f"Name {name} is listed after KillAll without a box, and not gone")
+    line = await status_of(client, permanent)
+    case.expect(
+        line.get("Name") == permanent,
+        f"Name {permanent} is gone after KillAll, not still listed: it was created with Permanent "
+        "true (protocol reference 3.14)",
+    )
 
 
 @once("world.cleans-up", "Objects leave with their controller", "6, no. 172", Severity.SHOULD)

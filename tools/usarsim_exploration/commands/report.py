@@ -31,9 +31,9 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         UsarsimError: results are missing or damaged, or what judges them is not installed.
     """
-    from usarsim_study.errors import need_extra
+    from usarsim_server.extras import need
 
-    need_extra("exploration")
+    need("scipy", "matplotlib", extra="exploration", asker="the report")
     from usarsim_exploration import run_folder
     from usarsim_exploration.errors import ExplorationError
     from usarsim_exploration.reporting import report

@@ -105,13 +105,13 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from usarsim_exploration.showing import films
     from usarsim_exploration.showing.picture import overlays_of
+    from usarsim_server.extras import need
 
     if arguments.browser == (arguments.out is not None):
         cure = "FILE.png, FILE.mp4, FILE.gif or a folder"
         raise UsarsimError(f"--out: say what to write, {cure}; or give --browser instead")
     if arguments.browser:
-        if not can_serve():
-            raise UsarsimError('--browser needs aiohttp (pip install "usarsim-server[console]")')
+        need("aiohttp", extra="console", asker="--browser")
         tape = _tape(arguments)
         serve(tape, partial(forward, tape, None), arguments.port)
         return 0

@@ -7,7 +7,7 @@ import math
 
 from usarsim_server.cli.common import Subparsers, add_command, facts
 from usarsim_server.errors import UsarsimError
-from usarsim_study.errors import need_extra
+from usarsim_server.extras import need
 
 _EPILOG = (
     "dz is the mean difference between two conditions over the standard deviation of the "
@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         UsarsimError: no number of participants is enough, or scipy is not installed.
     """
-    need_extra()
+    need("scipy", "matplotlib", extra="study", asker="the power")
     from usarsim_study import power
 
     n = arguments.n or power.needed(arguments.dz, arguments.power, arguments.alpha)

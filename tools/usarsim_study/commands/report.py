@@ -7,9 +7,9 @@ from pathlib import Path
 
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError, at
+from usarsim_server.extras import need
 from usarsim_server.files import is_regular
 from usarsim_study.commands.export import export
-from usarsim_study.errors import need_extra
 from usarsim_study.folder import StudyFolder
 from usarsim_study.study_file import FILE
 from usarsim_study.tables import PACKAGE, read
@@ -38,7 +38,7 @@ def write_reports(folder: Path) -> int:
     Raises:
         UsarsimError: the study is damaged, or what judges it is not installed.
     """
-    need_extra()
+    need("scipy", "matplotlib", extra="study", asker="the report")
     from usarsim_study import report
 
     data = folder

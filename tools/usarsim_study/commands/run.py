@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import importlib.util
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,8 +12,8 @@ from urllib.parse import urlsplit
 from usarsim_server.addresses import bare_host
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError
+from usarsim_server.extras import need
 from usarsim_study.commands.report import write_reports
-from usarsim_study.errors import need_extra
 
 if TYPE_CHECKING:
     from usarsim_study.folder import StudyFolder
@@ -99,8 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
     from usarsim_operator.serving import until_interrupted
     from usarsim_study.session.opening import open_folder
 
-    if importlib.util.find_spec("aiohttp") is None:
-        raise UsarsimError('the desk needs aiohttp (pip install "usarsim-server[console]")')
+    need("aiohttp", extra="console", asker="the desk")
     if arguments.host in ("0.0.0.0", "::"):
         cure = "name the address by which participants reach this machine"
         raise UsarsimError(f"--host: {arguments.host} leads nowhere in an address ({cure})")
@@ -122,7 +120,7 @@ def run(arguments: argparse.Namespace) -> int:
         if not fits:
             raise UsarsimError("--speed: must be a number greater than 0, or max")
     if scripted:
-        need_extra()
+        need("scipy", "matplotlib", extra="study", asker="scripted participants")
     folder = open_folder(arguments.study, arguments.out)
     work = _script(arguments, folder) if scripted else _serve(arguments, folder)
     asyncio.run(until_interrupted(work, _GRACE))

@@ -8,7 +8,7 @@ from statistics import fmean
 
 from usarsim_server.cli.common import Subparsers, add_command, facts, table
 from usarsim_server.errors import UsarsimError
-from usarsim_study.errors import need_extra
+from usarsim_server.extras import need
 from usarsim_study.study_file import find_study, read_study
 
 _EPILOG = (
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         UsarsimError: the study cannot be run, an option cannot be obeyed, or the extra is missing.
     """
-    need_extra()
+    need("scipy", "matplotlib", extra="study", asker="the simulation")
     from usarsim_study.layouts import look
     from usarsim_study.scripted.simulation import Plan, drive_all, faults, minutes, power
     from usarsim_study.scripted.skill import ADVANTAGE, planted

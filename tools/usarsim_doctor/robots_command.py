@@ -35,8 +35,8 @@ from usarsim_server.simulation.frames import wire_from_pose
 from usarsim_server.tables import nearest
 
 if TYPE_CHECKING:
+    from usarsim_doctor.test_drive import Rest, TestDrive
     from usarsim_server.robots.catalog import RobotFile
-    from usarsim_server.testing.test_drive import Rest, TestDrive
 
 
 _EPILOG = (
@@ -80,8 +80,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.check is not None:
         return check(arguments.check, folders, arguments.out)
     if arguments.page is not None:
-        from usarsim_server.cli.robot_page import write
+        from usarsim_doctor.robot_page import write
+        from usarsim_server.extras import need
 
+        need("PIL", extra="maps", asker="--page")
         return write(arguments.page, folders)
     catalog = load_catalog(folders)
     if arguments.name is None:
@@ -201,9 +203,8 @@ def check(path: Path, folders: Sequence[Path], picture: Path | None) -> int:
         UsarsimError: if the robot does not stand and drive as it should, or the picture cannot be
             written.
     """
-    from PIL import Image
-
-    from usarsim_server.testing.test_drive import TestDrive
+    from usarsim_doctor.test_drive import TestDrive
+    from usarsim_server.cameras.encoding import encode_png
 
     logs.configure("error")
     file = _load(path, folders)
@@ -221,9 +222,8 @@ def check(path: Path, folders: Sequence[Path], picture: Path | None) -> int:
         if drive.vehicle.sensors:
             print(table(("SENSOR", "SEN TYPE", *_eras()), _sensors(drive)), end="\n\n")
         if picture is not None:
-            portrait = Image.fromarray(drive.portrait(WIDTH, HEIGHT))
             with written(picture) as png:
-                portrait.save(png, format="PNG")
+                png.write(encode_png(drive.portrait(WIDTH, HEIGHT)))
         speed = drive.top_speed()
         problems = drive.problems(rest, speed)
     print(facts(_behaviour(rest, speed)))

@@ -15,10 +15,11 @@ import socket
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 
-from usarsim_server.doctor.isolation import root
-from usarsim_server.doctor.registry import Context, Finding, Mark, check
+from usarsim_doctor.isolation import pip, root
+from usarsim_doctor.registry import Context, Finding, Mark, check
 from usarsim_server.errors import ServiceError, problem_and_advice
 from usarsim_server.options import OPTIONS, Option
 from usarsim_server.processes import PROC, Process, name, port_taker
@@ -43,8 +44,12 @@ _GIB = float(1 << 30)
 def look_at_machine(context: Context) -> Iterator[Finding]:
     """Ask the system, and watch it for a moment."""
     yield judge_cores(cores(), context)
-    yield judge_memory(*available_memory())
-    yield judge_activity(activity(WATCHED), os.getloadavg()[0])
+    if find_spec("psutil") is None:
+        text = "not looked at: psutil is not installed"
+        yield Finding("memory and load", Mark.NOTE, text, pip("psutil"))
+    else:
+        yield judge_memory(*available_memory())
+        yield judge_activity(activity(WATCHED), os.getloadavg()[0])
     yield judge_descriptors(
         resource.getrlimit(resource.RLIMIT_NOFILE)[0], context.settings.connections
     )

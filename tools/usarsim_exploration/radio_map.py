@@ -13,8 +13,8 @@ from usarsim_server.cli.common import Subparsers, add_command, number, numbers, 
 from usarsim_server.errors import SettingsError, at
 
 if TYPE_CHECKING:
+    from usarsim_exploration.coverage import Grid
     from usarsim_server.protocol.values import Vector
-    from usarsim_server.radio.coverage import Grid
     from usarsim_server.simulation.simulation import Simulation
     from usarsim_server.worlds.description import WorldDescription
 
@@ -78,8 +78,8 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         UsarsimError: if world or settings cannot be used or a file cannot be written.
     """
+    from usarsim_exploration.coverage import draw_coverage, find_walls, survey
     from usarsim_server.radio.configuration import read_radio, read_radio_file
-    from usarsim_server.radio.coverage import draw_coverage, find_walls, survey
     from usarsim_server.radio.obstacles import SceneryObstacles
     from usarsim_server.simulation.frames import flip_point
     from usarsim_server.worlds.loader import find_world, load_world
@@ -117,7 +117,7 @@ def _simulation(world: WorldDescription) -> Simulation:
 def _grid(
     arguments: argparse.Namespace, world: WorldDescription, simulation: Simulation, source: Vector
 ) -> Grid:
-    from usarsim_server.radio.coverage import Grid
+    from usarsim_exploration.coverage import Grid
 
     if arguments.area is not None:
         x, y, to_x, to_y = arguments.area

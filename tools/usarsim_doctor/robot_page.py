@@ -124,7 +124,7 @@ def _kind(robot: RobotDescription) -> str:
 
 def _section(file: RobotFile, pictures: Path) -> str:
     """Everything about one class; draws its picture."""
-    from usarsim_server.testing.test_drive import TestDrive
+    from usarsim_doctor.test_drive import TestDrive
 
     robot = file.description
     with TestDrive(robot) as drive:

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from usarsim_server.cli import main, robot_page
-from usarsim_server.cli.robot_page import head_comment, write
+from usarsim_doctor import robot_page
+from usarsim_doctor.robot_page import head_comment, write
+from usarsim_server.cli import main
 from usarsim_server.files import data_directory
 from usarsim_server.robots.catalog import Library
 

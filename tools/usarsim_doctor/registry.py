@@ -24,9 +24,9 @@ from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from typing import TextIO
 
+from usarsim_doctor import checks as package
+from usarsim_doctor.isolation import attempt
 from usarsim_server import __version__
-from usarsim_server.doctor import checks as package
-from usarsim_server.doctor.isolation import attempt
 from usarsim_server.settings import Settings
 
 

@@ -14,9 +14,9 @@ from typing import Any
 
 import pytest
 
+from usarsim_doctor import registry
+from usarsim_doctor.registry import Check, Context, Finding, Mark
 from usarsim_server.cli import main
-from usarsim_server.doctor import registry
-from usarsim_server.doctor.registry import Check, Context, Finding, Mark
 
 ROOT = Path(__file__).parents[2]
 PORTS_OFF = [
@@ -136,7 +136,7 @@ def examined(
         str(ROOT / "tools"),
         os.environ.get("PYTHONPATH", ""),
     ]
-    module = ["usarsim_server.cli.doctor"] if alone else ["usarsim_server.cli", "doctor"]
+    module = ["usarsim_doctor.command"] if alone else ["usarsim_server.cli", "doctor"]
     command = [sys.executable, "-m", *module, *arguments, "--quick", "--json", "-"]
     done = subprocess.run(
         [*command, "--world", "empty", "--renderer", "rays"],

@@ -16,9 +16,10 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import usarsim_server
+from usarsim_doctor.isolation import Outcome, attempt, pip, root
+from usarsim_doctor.registry import Context, Finding, Mark, check
 from usarsim_server import __version__
-from usarsim_server.doctor.isolation import Outcome, attempt, pip, root
-from usarsim_server.doctor.registry import Context, Finding, Mark, check
 from usarsim_server.errors import UsarsimError, problem_and_advice
 from usarsim_server.files import data_directory
 from usarsim_server.settings import Settings
@@ -51,10 +52,18 @@ PACKAGES = (
     Package("numpy", "numpy", "numpy>=1.26", "arrays"),
     Package("embreex", "embreex", "embreex>=4.4.0", "the rays of range sensors"),
     Package("opencv-python-headless", "cv2", "opencv-python-headless>=4.9", "camera pictures"),
-    Package("pillow", "PIL", "pillow>=10.1", "textures, and pictures in files"),
-    Package("psutil", "psutil", "psutil>=6", "figures of processes and of the machine"),
-    Package("mapbox_earcut", "mapbox_earcut", "mapbox_earcut>=2.0", "polygons of imported maps"),
-    Package("PyYAML", "yaml", "PyYAML>=6", "grid maps of ROS"),
+    Package("mapbox_earcut", "mapbox_earcut", "mapbox_earcut>=2.0", "polygons of worlds"),
+    Package(
+        *("pillow", "PIL", "pillow>=10.1"),
+        "maps cannot be imported, and JPEG pictures not be read",
+        optional=True,
+    ),
+    Package(
+        *("psutil", "psutil", "psutil>=6"),
+        "batches cannot be played, and this machine's memory and load not be looked at",
+        optional=True,
+    ),
+    Package(*("PyYAML", "yaml", "PyYAML>=6"), "grid maps of ROS cannot be imported", optional=True),
     Package(
         *("aiohttp", "aiohttp", "aiohttp>=3.11"),
         "the operator console in the browser cannot be served",
@@ -108,7 +117,7 @@ PACKAGES = (
 def look_at_versions(context: Context) -> Iterator[Finding]:
     """Import everything in a process that may die of it, and compare versions."""
     yield judge_python(sys.version_info[:3], sys.executable)
-    place = str(Path(__file__).resolve().parents[3])
+    place = str(Path(usarsim_server.__file__).resolve().parents[1])
     yield Finding(
         "usarsim-server", Mark.OK, f"{__version__}, in {place}", values={"version": __version__}
     )

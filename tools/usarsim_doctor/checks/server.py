@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from usarsim_server.doctor.checks.machine import cores
-from usarsim_server.doctor.isolation import Outcome, attempt
-from usarsim_server.doctor.registry import Context, Finding, Mark, check
+from usarsim_doctor.checks.machine import cores
+from usarsim_doctor.isolation import Outcome, attempt
+from usarsim_doctor.registry import Context, Finding, Mark, check
 from usarsim_server.options import OPTIONS
 
 SERVER_TIMEOUT = 90.0

@@ -33,13 +33,14 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, TextIO
 
+from usarsim_server import errors
 from usarsim_server.children import python
 from usarsim_server.errors import UsarsimError, problem_and_advice
 from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.settings import Settings
 
-_WORKER = "usarsim_server.doctor.isolation"
-_PACKAGES = Path(__file__).resolve().parents[2]
+_WORKER = "usarsim_doctor.isolation"
+_PACKAGES = tuple(str(Path(file).resolve().parents[1]) for file in (errors.__file__, __file__))
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +78,7 @@ def _one_process(
     names: Sequence[str], settings: Settings, timeout: float, worker: str
 ) -> tuple[dict[str, Outcome], str]:
     """What a process got done, in order, and why it ended."""
-    paths = [str(_PACKAGES), os.environ.get("PYTHONPATH", "")]
+    paths = [*_PACKAGES, os.environ.get("PYTHONPATH", "")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
     try:
         ended = subprocess.run(
@@ -150,7 +151,7 @@ RATES = ("physics", "rays", "cameras")
 """Trials that are functions of `team.py`."""
 MOST_CLASSES = 20
 """Robot classes of the user's own that are tried out."""
-_TEAM = "usarsim_server.doctor.team"
+_TEAM = "usarsim_doctor.team"
 
 
 def main() -> int:
@@ -212,7 +213,7 @@ def gl(settings: Settings, platform: str) -> dict[str, object]:
 
 def findings(settings: Settings, key: str) -> dict[str, object]:
     """What a check finds that shall run here."""
-    from usarsim_server.doctor.registry import Context, all_checks
+    from usarsim_doctor.registry import Context, all_checks
 
     [one] = [one for one in all_checks() if one.key == key]
     found = one.look(Context(settings))

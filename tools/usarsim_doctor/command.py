@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         UsarsimError: if the settings are wrong or the report cannot be written.
     """
-    from usarsim_server.doctor.registry import (
+    from usarsim_doctor.registry import (
         Context,
         Mark,
         Printer,
@@ -96,7 +96,7 @@ def _colored(stream: TextIO) -> bool:
 
 def _alone(argv: Sequence[str]) -> int:
     """Run without the other commands, which need libraries that may be what is missing."""
-    parser = argparse.ArgumentParser(prog="python -m usarsim_server.cli.doctor")
+    parser = argparse.ArgumentParser(prog="python -m usarsim_doctor.command")
     add_parser(parser.add_subparsers(required=True))
     arguments = parser.parse_args(["doctor", *argv])
     try:
