@@ -17,7 +17,7 @@ from usarsim_conformance.walls import controller
 measured = checks_of("control", reference="robots reference", dialects=UNREAL)
 
 _MUFFLED = 20.0 * math.log10(2.0)
-"""dB that a wall takes from a sound: its source counts as twice as far away (2.9)."""
+"""dB that a wall takes from a sound: its source counts as twice as far away (robots 2.9)."""
 
 
 async def _behind(case: Case, type: str) -> tuple[Visit, View]:
