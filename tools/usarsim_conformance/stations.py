@@ -15,7 +15,7 @@ from usarsim_conformance.places import Place
 from usarsim_conformance.registry import Failed, NotApplicable
 from usarsim_conformance.side_lines import LEAVES, Guest, LineClient, MessageClient, Radio
 from usarsim_conformance.stage import Point, boxes, need_stage
-from usarsim_conformance.walls import controller
+from usarsim_conformance.walls import controller, put
 from usarsim_conformance.wire import Wire
 
 LAW = -49.67
@@ -141,14 +141,14 @@ class _Pair:
             NotApplicable: if it does not come there.
         """
         robot = self._robots[1]
-        text = f"{goal[0]:.3f},{goal[1]:.3f},{self._here[2]:.3f}"
-        await world.send(f"CONTROL {{Type AbsMove}} {{Name {robot.name}}} {{Location {text}}}")
+        place = Place(None, (*goal, self._here[2]), (0.0, 0.0, _ASIDE))
+        await put(world, robot.name, place)
         for _ in range(10):
             await robot.run(0.4)
             self._here = await _place(robot)
             if math.dist(self._here[:2], goal) < 0.5:
                 return
-        raise NotApplicable(f"AbsMove leaves a robot at {self._here}, and not at {text}")
+        raise NotApplicable(f"AbsMove leaves a robot at {self._here}, and not at {place.location}")
 
     async def look(self, name: str, walls: int) -> Stop:
         """What is told of the way between the robots as they stand."""
