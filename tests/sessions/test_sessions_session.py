@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import re
+import weakref
 
 import pytest
 from control_harness import last, numbers, truth
@@ -430,3 +432,19 @@ def test_the_segment_can_be_asked_for(client: RehearsedClient) -> None:
     client.send("GETSTARTPOSES {ExactName true}")
     assert client.take() == ["NFO {Status ExactNames}", *ever]
     assert len(ever) == 1
+
+
+def test_who_has_left_keeps_no_former_model(fresh: Rehearsal) -> None:
+    """A model that grew is freed when its robots are gone, without the garbage collector."""
+    guest, other = fresh.connect(), fresh.connect()
+    guest.send("INIT {ClassName USARBot.P2AT} {Location 0,0,-0.3}")
+    fresh.run(1.0)
+    former = weakref.ref(fresh.assembly.simulation.look().world)
+    gc.disable()
+    try:
+        other.send("INIT {ClassName USARBot.Nao} {Location 3,0,-0.5}")
+        guest.close()
+        fresh.run(1.0)
+        assert former() is None
+    finally:
+        gc.enable()

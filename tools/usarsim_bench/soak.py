@@ -58,7 +58,8 @@ def flatness(samples: Samples, warm_up: float) -> float:
 class _Course:
     """What is known so far; an interrupted soak has no more."""
 
-    empty: Usage
+    first: Usage
+    """The server with its first robot."""
     samples: list[tuple[float, float]] = field(default_factory=list)
     tallies: dict[str, Tally] = field(default_factory=dict)
     costs: list[float] = field(default_factory=list)
@@ -79,6 +80,7 @@ def measure_soak(plan: Plan) -> Section:
     try:
         with Server(plan.world, robots + GUESTS, command) as server:
             with Crowd(server.port, plan.seed) as crowd:
+                gather(crowd, 1, (DEFAULT_CLASS,))
                 # By then its cameras are ready.
                 crowd.run(SETTLE + 3.0)
                 course = _Course(server.usage())
@@ -102,7 +104,7 @@ def _soak(
     seconds: float,
     classes: Sequence[str],
 ) -> None:
-    gather(crowd, robots, (DEFAULT_CLASS,))
+    gather(crowd, robots - 1, (DEFAULT_CLASS,))
     crowd.run(SETTLE)
     watch = min(WATCH, seconds)
     course.costs.append(_cost(server, crowd, course, watch))
@@ -157,7 +159,7 @@ def _section(plan: Plan, course: _Course, robots: int, seconds: float, classes: 
     warm_up = min(WARM_UP, WARM_UP_PART * seconds)
     late = [sample for sample in course.samples if sample[0] >= warm_up] or course.samples
     slope = 60.0 * trend(late) / MIB if len(late) > 1 else 0.0
-    empty, left = course.empty, course.left
+    first, left = course.first, course.left
     flat = flatness(course.samples, warm_up)
 
     def judged(aim: Aim) -> Aim | None:
@@ -165,7 +167,7 @@ def _section(plan: Plan, course: _Course, robots: int, seconds: float, classes: 
         return aim if aimed else None
 
     figures = [
-        Figure("Memory of the empty server", empty.resident / MIB, "MiB", 0),
+        Figure("Memory with the first robot", first.resident / MIB, "MiB", 0),
         Figure(f"Memory after {warm_up / 60.0:.1f} min", late[0][1] / MIB, "MiB", 0),
         Figure("Memory, highest after that", max(size for _, size in late) / MIB, "MiB", 0),
         Figure("Memory, last", late[-1][1] / MIB, "MiB", 0),
@@ -187,12 +189,12 @@ def _section(plan: Plan, course: _Course, robots: int, seconds: float, classes: 
             Figure("... after by before", ratio, "", 2, judged(COST_AIM)),
         ]
     if left is not None:
-        back = left.resident / empty.resident
-        descriptors = left.descriptors - empty.descriptors
+        back = left.resident / first.resident
+        descriptors = left.descriptors - first.descriptors
         figures += [
             Figure("Memory when everybody has gone", left.resident / MIB, "MiB", 0),
-            Figure("... by that of the empty server", back, "", 3, judged(BACK_AIM)),
-            Figure("Threads left behind", left.threads - empty.threads, "", 0, THREADS_AIM),
+            Figure("... by that with the first robot", back, "", 3, judged(BACK_AIM)),
+            Figure("Threads left behind", left.threads - first.threads, "", 0, THREADS_AIM),
             Figure("Descriptors left behind", descriptors, "", 0, NONE_AIM),
         ]
     return Section(

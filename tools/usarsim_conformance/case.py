@@ -23,6 +23,7 @@ ROLES: dict[str, tuple[str, ...]] = {
     "flippers": ("Kenaf", "TeleMax", "Tarantula"),
     "arm": ("P3AT_arm", "TeleMax", "KR60"),
     "gripper": ("P3AT_arm", "HandBot", "KR60"),
+    "post": ("GripperBase",),
     "legged": ("Nao", "ERS", "QRIO"),
     "underwater": ("Submarine", "Passarola"),
 }

@@ -15,7 +15,7 @@ from usarsim_conformance.places import Place
 from usarsim_conformance.registry import Failed, NotApplicable
 from usarsim_conformance.side_lines import LEAVES, Guest, LineClient, MessageClient, Radio
 from usarsim_conformance.stage import Point, boxes, need_stage
-from usarsim_conformance.walls import controller
+from usarsim_conformance.walls import controller, put
 from usarsim_conformance.wire import Wire
 
 LAW = -49.67
@@ -25,6 +25,8 @@ WALL = 6.325
 
 _ASIDE = math.pi / 2.0
 """rad, yaw of both: a long robot stands along the walls and not across."""
+_APART = 2.0
+"""m between them at first."""
 _UP = 1.0
 """m above the start pose of the line from point to point."""
 _NEAR = 0.2
@@ -56,7 +58,7 @@ class Stop:
 
     def __str__(self) -> str:
         """Where it is, for messages."""
-        return f"{self.distance:.1f} m away, {self.walls} walls between"
+        return f"{self.distance:.1f} m away, walls between: {self.walls}"
 
 
 async def stops(case: Case) -> dict[str, Stop]:
@@ -75,12 +77,12 @@ async def _travel(case: Case) -> dict[str, Stop]:
     begin = walls[0] - 3.0
     # Walls between, and where the second robot is put.
     goals = {
-        "near": (0, begin, -2.0),
-        "far": (0, begin, -20.0),
+        "near": (0, begin - _APART, 0.0),
+        "far": (0, begin - 10.0 * _APART, 0.0),
         "one": (1, walls[1] - 3.0, 0.0),
         "three": (3, walls[2] + 4.0, 0.0),
         "seven": (7, walls[6] + 4.0, 0.0),
-        "back": (0, begin, -2.0),
+        "back": (0, begin - _APART, 0.0),
     }
     world = await controller(case)
     async with await _Pair.make(case, begin) as pair:
@@ -108,7 +110,7 @@ class _Pair:
     async def make(cls, case: Case, x: float) -> _Pair:
         """Put two robots beside each other, and register them."""
         high = case.survey.places[0].location[2]
-        places = [Place(None, (x, y, high), (0.0, 0.0, _ASIDE)) for y in (0.0, -2.0)]
+        places = [Place(None, (x - away, 0.0, high), (0.0, 0.0, _ASIDE)) for away in (0.0, _APART)]
         for _ in places:
             await case.place()  # so many robots at a time and no more
         ports, radios = case.target.ports, None
@@ -139,14 +141,14 @@ class _Pair:
             NotApplicable: if it does not come there.
         """
         robot = self._robots[1]
-        text = f"{goal[0]:.3f},{goal[1]:.3f},{self._here[2]:.3f}"
-        await world.send(f"CONTROL {{Type AbsMove}} {{Name {robot.name}}} {{Location {text}}}")
+        place = Place(None, (*goal, self._here[2]), (0.0, 0.0, _ASIDE))
+        await put(world, robot.name, place)
         for _ in range(10):
             await robot.run(0.4)
             self._here = await _place(robot)
             if math.dist(self._here[:2], goal) < 0.5:
                 return
-        raise NotApplicable(f"AbsMove leaves a robot at {self._here}, and not at {text}")
+        raise NotApplicable(f"AbsMove leaves a robot at {self._here}, and not at {place.location}")
 
     async def look(self, name: str, walls: int) -> Stop:
         """What is told of the way between the robots as they stand."""

@@ -93,6 +93,18 @@ async def create(
     return name
 
 
+async def put(client: ControlClient, name: str, place: Place) -> None:
+    """Put an object or a robot elsewhere; returns when the order has been worked off.
+
+    Args:
+        client: a world controller.
+        name: of the object or robot.
+        place: where to, with its rotation.
+    """
+    await client.send(f"CONTROL {{Type AbsMove}} {{Name {name}}} {place.coordinates}")
+    await status_of(client, "NoSuchObject")
+
+
 Vector = tuple[float, float, float]
 
 _YAW = 0.6

@@ -183,6 +183,7 @@ class Session(Mailbox):
     def tell(self, streamed: Sequence[bytes]) -> None:
         """Put what the report under way has found into the outbox, whose taker sleeps on."""
         report = self._told
+        self._told = None  # its snapshot keeps a whole model
         if self._role is None or report is None:
             return
         tap, tick = self.tap, messages.tick(report.snapshot.time) if report.tick else None
@@ -230,6 +231,7 @@ class Session(Mailbox):
             self._log.exception("the robot could not leave", error)
         with self._lock:
             self._closed = self._ended = True
+            self._told = None
             self._forget()
 
     # -- what the connection itself obeys ----------------------------------------------------

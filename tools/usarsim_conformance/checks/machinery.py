@@ -14,7 +14,7 @@ from usarsim_conformance.places import Place
 from usarsim_conformance.registry import Severity, once
 from usarsim_conformance.side_lines import LineClient
 from usarsim_conformance.stage import facts, need_stage, one_of, spot
-from usarsim_conformance.walls import controller, create
+from usarsim_conformance.walls import controller, create, status_of
 
 _BOX = 0.4
 """m, side of what lies on the belt."""
@@ -57,6 +57,7 @@ async def belt(case: Case) -> None:
         for scale in (1.0, 3.0, -2.0, 0.0):
             if scale != 1.0:
                 await world.send(f"CONTROL {{Type Conveyor}} {{Name KitBelt}} {{Speed {scale:g}}}")
+                await status_of(world, "NoSuchObject")  # the order has been worked off then
             found, wanted = await _ride(case, truth, name), scale * speed
             case.expect(
                 abs(found - wanted) <= max(0.05 * abs(wanted), 0.01),
@@ -115,8 +116,8 @@ async def path_node(case: Case) -> None:
     if await client.maybe(lambda line: line.head == "STA", PATIENCE) is None:
         case.skip("no USARAvatarNewMale can be spawned")
     told = await _nodes(case, client)
-    await client.send(f"GOTO {{Name {_NODES[-1]}}}")
-    lines = [line for line in await client.listen(13.0) if line.head == "STA"]
+    heard = await client.outcome(f"GOTO {{Name {_NODES[-1]}}}", seconds=13.0)
+    lines = [line for line in heard if line.head == "STA"]
     case.need(len(lines) > 20, "the avatar tells too little")
     way = [line.numbers("Location") for line in lines]
     case.expect(

@@ -12,12 +12,12 @@ from usarsim_conformance.places import Place
 from usarsim_conformance.registry import UNREAL, Severity, checks_of
 from usarsim_conformance.stage import boxes, need_stage, one_of, spot
 from usarsim_conformance.visits import View, Visit, visit
-from usarsim_conformance.walls import controller
+from usarsim_conformance.walls import controller, put
 
 measured = checks_of("control", reference="robots reference", dialects=UNREAL)
 
 _MUFFLED = 20.0 * math.log10(2.0)
-"""dB that a wall takes from a sound: its source counts as twice as far away (2.9)."""
+"""dB that a wall takes from a sound: its source counts as twice as far away (robots 2.9)."""
 
 
 async def _behind(case: Case, type: str) -> tuple[Visit, View]:
@@ -114,11 +114,9 @@ async def rfid_range(case: Case) -> None:
     for wanted in (_RANGE - _EXACT, _RANGE + _EXACT):
         # Backwards, so that the tag is straight ahead of the reader.
         away = wanted + reader.location[0] - x
-        goal = f"{start[0] - cos * away:.3f},{start[1] - sin * away:.3f},{start[2]:.3f}"
-        await world.send(
-            f"CONTROL {{Type AbsMove}} {{Name {robot.name}}} {{Location {goal}}}"
-            f" {{Rotation 0,0,{yaw:.4f}}}"
-        )
+        goal = (start[0] - cos * away, start[1] - sin * away, start[2])
+        await put(world, robot.name, Place(None, goal, (0.0, 0.0, yaw)))
+        await robot.catch_up()
         await robot.run(1.0)
         track = Track(await robot.run(1.0))
         view = View("", 0.0, 0.0, track.true_poses[-1][1], track)

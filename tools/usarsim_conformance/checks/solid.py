@@ -27,6 +27,8 @@ _OVERLAP = 0.02
 """m by which bodies may overlap more in a collision than in gentle touch."""
 _CUT = 0.03
 """m for two places that are cut off at two digits each."""
+_BODY = 0.5
+"""m from the middle of a robot within which it is seen, at least."""
 _PUSHES = 1.5
 """s that it pushes."""
 _WALL = (4.0, -2.0, 2.4)
@@ -91,7 +93,7 @@ async def _encounter(case: Case, class_name: str, with_robot: bool) -> _Encounte
             if name == "fast":  # back to where it began
                 await robot.under(pace.command(-0.5), seconds=_AWAY / (0.5 * pace.speed))
                 await robot.under(pace.command(0.0), seconds=0.5)
-            mine = _places(await _push(robot, pace, part, base, _AWAY), base)
+            mine = _places(await _push(robot, pace, part, base, _AWAY + found.length), base)
             theirs = [(0.0, far)]
             if other is not None:
                 await other.catch_up()
@@ -147,8 +149,8 @@ async def solid_robots(case: Case) -> None:
 
 @measured("values.scan-robots", "A scanner sees robots", "2.3")
 async def scan_robots(case: Case) -> None:
-    """The least Range of a RangeScanner ahead of which another robot of its class stands is no more
-    than the way to the middle of that robot."""
+    """The least Range of a RangeScanner ahead of which another robot of its class stands is the way
+    to the middle of that robot, but for the length of its body."""
     class_name = await bearer(case, "RangeScanner", "GroundTruth", fixed="RangeScanner")
     found = await _encounter(case, class_name, with_robot=True)
     if found.scan is None:
@@ -167,9 +169,10 @@ async def scan_robots(case: Case) -> None:
             ahead.append(value)
     if not ahead or most > 0.9 * float(conf["MaxRange"]):
         case.skip(f"{name} does not look ahead, or not so far")
-    least = most - max(found.length, 0.5)
+    # Its body may reach beyond Dimensions, which some servers tell of the wheels only.
+    least, most = most - max(found.length, _BODY), most + max(found.length, _BODY)
     case.expect(
-        least - 0.05 < min(ahead) < most,
+        least < min(ahead) < most,
         f"Range of {name} is {min(ahead):.2f} m at least straight ahead, not {least:.2f} to "
         f"{most:.2f} m, where another robot stands",
     )
