@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import ast
 import importlib
+import importlib.util
 import math
 import re
 from collections.abc import Iterator
@@ -98,6 +99,8 @@ def limit_exists(name: str) -> bool:
     if "." not in name:
         return name in SETTINGS
     path, rest = "usarsim_server", name.split(".")
+    if importlib.util.find_spec(f"{path}.base.{rest[0]}"):
+        path = f"{path}.base"
     if rest[0].startswith("usarsim_"):
         path = rest.pop(0)
     thing: object = None

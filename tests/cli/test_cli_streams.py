@@ -74,7 +74,7 @@ def test_errors_stay_out_of_the_output() -> None:
 def test_letters_that_the_encoding_lacks_are_escaped() -> None:
     """In the C locale letters are written as escapes, bytes of odd file names as they are."""
     program = (
-        "from usarsim_server import streams; streams.guard(); "
+        "from usarsim_server.base import streams; streams.guard(); "
         "print('gr\\xf6\\xdfe', '\\u4e16', '\\udcff', flush=True)"
     )
     plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}

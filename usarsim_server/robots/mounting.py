@@ -24,7 +24,8 @@ HARD = "HARD"
 class DeclaredItem:
     """A sensor or an effector; its keys in robot files are the fields of its class.
 
-    A field made by `fields.field` is read from the item's table when the item is made. A subclass changes a default by a plain assignment: `max_range = 20.0`.
+    A field made by `fields.field` is read from the item's table when the item is made. A subclass
+    changes a default by a plain assignment: `max_range = 20.0`.
 
     Attributes:
         parameters: the table, for what a declaration cannot say; what is read is known as a key.
