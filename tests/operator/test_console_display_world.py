@@ -181,7 +181,7 @@ CLOCK = """() => { const text = document.querySelector("[data-clock]").textConte
   return [clock, usarsim.poseOf("R0").time, usarsim.store.state.time]; }"""
 
 
-@pytest.mark.parametrize("factor", slow_but((4).__eq__, [0.5, 1, 4]))
+@pytest.mark.parametrize("factor", slow_but({4}.__contains__, [0.5, 1, 4]))
 def test_clock_is_the_simulated_time(rig: Rig, factor: float) -> None:
     """CON-20: within a report of the world's own time, in whole seconds."""
     page = rig.page
