@@ -77,6 +77,14 @@ class TestReport:
         assert not REPORT.conforms
         mild = [replace(one, severity=Severity.SHOULD) for one in REPORT.rules]
         assert replace(REPORT, rules=tuple(mild)).conforms
+
+    @pytest.mark.parametrize("staged", [False, True])
+    def test_inconclusive(self, staged: bool) -> None:
+        """Only in the kit's own world a rule that must be kept has to be judged."""
+        results = (result("control.a.passes", Verdict.INCONCLUSIVE, "", "in the dark"),)
+        found = replace(REPORT, results=results, staged=staged)
+        assert found.conforms is not staged
+        assert from_json(as_json(found)).conforms is not staged
         assert REPORT.count(Verdict.FAIL) == 2
         assert REPORT.count(Verdict.FAIL, Severity.INFORMATIVE) == 1
 

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 from held_ports import held_port
+from lanes import slow_but
 from signalled import HANG, Ending, finished, signalled
 from test_e2e_import import level
 
@@ -130,7 +131,10 @@ def check(ending: Ending, code: int) -> None:
 
 @pytest.mark.parametrize(
     ("delay", "number"),
-    [(delay, (signal.SIGINT, signal.SIGTERM)[n % 2]) for n, delay in enumerate(MOMENTS)],
+    slow_but(
+        lambda case: case[0] in MOMENTS[::3],
+        [(delay, (signal.SIGINT, signal.SIGTERM)[n % 2]) for n, delay in enumerate(MOMENTS)],
+    ),
 )
 def test_serve_ends_with_code_0(delay: float, number: signal.Signals) -> None:
     """Whenever it is told to, by one signal or the other."""
@@ -139,13 +143,13 @@ def test_serve_ends_with_code_0(delay: float, number: signal.Signals) -> None:
     check(ending, 0)
 
 
-@pytest.mark.parametrize("delay", [0.3, 1.0, 3.0])
+@pytest.mark.parametrize("delay", slow_but((1.0).__eq__, [0.3, 1.0, 3.0]))
 def test_impatience_changes_nothing(delay: float) -> None:
     """Ctrl-C again and again is one Ctrl-C."""
     check(signalled(["serve", "--world", "empty", *PORTS], delay, times=4), 0)
 
 
-@pytest.mark.parametrize("delay", MOMENTS)
+@pytest.mark.parametrize("delay", slow_but(MOMENTS[::3].__contains__, MOMENTS))
 def test_serving_a_map_ends_with_code_0(
     delay: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -169,7 +173,7 @@ def test_serving_a_map_ends_with_code_0(
     ],
     ids=lambda arguments: arguments[0],
 )
-@pytest.mark.parametrize("delay", [0.0, 0.3, 1.2])
+@pytest.mark.parametrize("delay", slow_but((0.3).__eq__, [0.0, 0.3, 1.2]))
 def test_others_end_with_code_130(
     arguments: list[str], delay: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -198,6 +198,7 @@ def _measures(folder: Path) -> dict[tuple[str, str], float | None]:
     return {(one.measure, one.who): one.value for one in found}
 
 
+@pytest.mark.slow
 def test_inputs_have_all_clocks(runs: list[tuple[Path, Person]]) -> None:
     """HRI-08: page clock, gateway clock, simulated time; the order is the same by all three. By the
     offset nothing was heard before it was said: no round tells it worse than by half of itself,
@@ -224,6 +225,7 @@ def test_inputs_have_all_clocks(runs: list[tuple[Path, Person]]) -> None:
         assert person.states
 
 
+@pytest.mark.slow
 def test_the_score_that_pages_show_is_that_of_the_log(runs: list[tuple[Path, Person]]) -> None:
     """CON-21: at 20 random instants of each run; the last one is that of score.json."""
     for folder, person in runs:
@@ -273,6 +275,7 @@ def test_inputs_of_five_people_give_the_same_again(runs: list[tuple[Path, Person
     assert end["t_sim"] < 3.0
 
 
+@pytest.mark.slow
 def test_an_input_at_another_tick_is_another_run(
     runs: list[tuple[Path, Person]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

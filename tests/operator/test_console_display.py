@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from console_browser import NO_GL
 from console_rig import HUES, STALLS, WALL, Console, Tap, canvas, chromium, pair, real, shown, until
+from lanes import slow_but
 from numpy.typing import NDArray
 
 from usarsim_server.testing import ServerProcess
@@ -177,7 +178,7 @@ def test_classic_strips_are_taller_where_it_is_nearer(rig: Rig) -> None:
                 assert tall[one] > tall[other] or (tall[one] == tall[other] and ranges[one] > 5.0)
 
 
-@pytest.mark.parametrize("what", ["camera", "laser"])
+@pytest.mark.parametrize("what", slow_but("camera".__eq__, ["camera", "laser"]))
 def test_each_stream_is_switched_by_itself(rig: Rig, what: str) -> None:
     """O-22: off ends it for that robot alone, on begins it again."""
     slot = {"camera": "picture", "laser": "scan"}[what]
@@ -230,6 +231,7 @@ def test_picture_of_a_camera_that_stops_is_stale(rig: Rig) -> None:
     until(lambda: rig.page.locator(fresh).count() == 4)
 
 
+@pytest.mark.slow
 def test_delay_and_loss_of_a_bad_link_are_shown(rig: Rig, tmp_path: Path) -> None:
     """CON-31: measured at the page, within 10 % of what the console was told to make of it."""
     file = tmp_path / "bad.toml"
@@ -278,6 +280,7 @@ def test_without_webgl_the_server_shows_the_world(rig: Rig) -> None:
     assert rig.page.evaluate("usarsim.store.slot(255).picture") is None
 
 
+@pytest.mark.slow
 def test_what_is_needed_now_and_then(rig: Rig) -> None:
     """Behind "More": robots that come and go, moves of a size (O-14), flippers, the camera; what
     moves a free robot takes it, and a camera has sliders only for what it can do."""

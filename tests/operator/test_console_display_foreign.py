@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from lanes import slow_but
 
 pytest.importorskip("aiohttp")
 
@@ -72,7 +73,7 @@ def browser(recordings: dict[str, Path]) -> Iterator[Any]:
         yield running
 
 
-@pytest.fixture(scope="module", params=["own", "ut2004", "udk"])
+@pytest.fixture(scope="module", params=slow_but("ut2004".__eq__, ["own", "ut2004", "udk"]))
 def site(
     request: pytest.FixtureRequest, browser: Any, recordings: dict[str, Path], tmp_path_factory: Any
 ) -> Iterator[Site]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from lanes import slow_but
 
 pytest.importorskip("aiohttp")
 
@@ -33,7 +34,9 @@ def played() -> Iterator[Played]:
         yield one
 
 
-@pytest.mark.parametrize(("role", "layout"), every())
+@pytest.mark.parametrize(
+    ("role", "layout"), slow_but({("operator", "wide"), ("viewer", "phone")}.__contains__, every())
+)
 def test_page_looks_as_before(
     browser: Any, played: Played, tmp_path: Path, role: str, layout: str
 ) -> None:

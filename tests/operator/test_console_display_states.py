@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from lanes import slow_but
 
 pytest.importorskip("aiohttp")
 
@@ -163,7 +164,7 @@ def test_a_flood_of_alarms_is_five_lines(browser: Any, played: Played) -> None:
         until(lambda: any(text["type"] == "acknowledge" for _, text in played.gateway.texts))
 
 
-@pytest.mark.parametrize("robots", [4, 16])
+@pytest.mark.parametrize("robots", slow_but((4).__eq__, [4, 16]))
 def test_tiles_choice_and_stop(browser: Any, robots: int) -> None:
     """O-20, O-25, CON-15: n tiles; digits choose; Escape twice stops all."""
     played = Played(robots)
@@ -177,7 +178,7 @@ def test_tiles_choice_and_stop(browser: Any, robots: int) -> None:
 HUES = {"yellow": 56.0, "orange": 41.0, "red": 2.0, "blue": 208.0}
 
 
-@pytest.mark.parametrize("theme", ["dark", "light"])
+@pytest.mark.parametrize("theme", slow_but("dark".__eq__, ["dark", "light"]))
 def test_map_shows_zones_robots_paths_and_marks(browser: Any, played: Played, theme: str) -> None:
     """CON-10: each zone's centre has its hue within 10 degrees; a letter tells it, too."""
     played.gateway.marks.append(

@@ -24,6 +24,7 @@ from console_rig import (
     shown,
     until,
 )
+from lanes import slow_but
 from numpy.typing import NDArray
 
 from usarsim_client.decoder import decode
@@ -180,7 +181,7 @@ CLOCK = """() => { const text = document.querySelector("[data-clock]").textConte
   return [clock, usarsim.poseOf("R0").time, usarsim.store.state.time]; }"""
 
 
-@pytest.mark.parametrize("factor", [0.5, 1, 4])
+@pytest.mark.parametrize("factor", slow_but({4}.__contains__, [0.5, 1, 4]))
 def test_clock_is_the_simulated_time(rig: Rig, factor: float) -> None:
     """CON-20: within a report of the world's own time, in whole seconds."""
     page = rig.page
@@ -289,6 +290,7 @@ LOOKS = """(where) => [...document.querySelectorAll(where)].map((one) => {
   return `${path.getAttribute("d")} ${path.getAttribute("fill")}`; })"""
 
 
+@pytest.mark.slow
 def test_sixteen_robots_have_sixteen_looks(browser: Any) -> None:
     """O-27: a mark and a colour for each, the same in list, tiles, map, 3D view and card."""
     played = Played(16)
@@ -308,7 +310,7 @@ def test_sixteen_robots_have_sixteen_looks(browser: Any) -> None:
         until(lambda: page.evaluate(LOOKS, "[data-panel=card]") == [listed[6]])
 
 
-@pytest.mark.parametrize("role", ["instructor", "operator"])
+@pytest.mark.parametrize("role", slow_but("operator".__eq__, ["instructor", "operator"]))
 def test_orbit_turns_around_the_chosen_robot(browser: Any, role: str) -> None:
     """Chosen robots are its centre; it leaves first person, and Home comes back from anywhere."""
     played = Played(4)

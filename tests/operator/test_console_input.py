@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from lanes import slow_but
 
 pytest.importorskip("aiohttp")
 
@@ -38,7 +39,7 @@ PAIRS = {
     "ad": ZERO,
 }
 LEFT, UP, RIGHT_BUMPER, SELECT, START = (-1, 0), (0, -1), 5, 8, 9
-FRAME_MS = (0, 150)
+FRAME_MS = slow_but((0).__eq__, (0, 150))
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +123,7 @@ async def test_power_beyond_the_limit_is_said(stage: Stage) -> None:
         )
 
 
+@pytest.mark.slow
 async def test_twenty_drives_a_second_and_none_while_neutral(stage: Stage) -> None:
     """O-36: by the page's own clock, put forward by hand: 20 Hz, then a minute of silence on the
     wire in which the heartbeat between page and gateway goes on."""

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from lanes import slow_but
 
 pytest.importorskip("aiohttp")
 
@@ -98,7 +99,9 @@ async def test_a_mission_by_keyboard_alone(stage: Stage) -> None:
         await becomes(page, "document.activeElement.dataset.do === 'keys'")
 
 
-@pytest.mark.parametrize("role", list(Role), ids=lambda role: role.value)
+@pytest.mark.parametrize(
+    "role", slow_but({Role.OPERATOR}.__contains__, Role), ids=lambda role: role.value
+)
 async def test_axe_finds_nothing_grave(stage: Stage, npm: Any, role: Role) -> None:
     """CON-25: no serious or critical finding of axe-core, in both themes, for each role; for the
     operator with the dialogs for keys and marks open, too."""
@@ -114,7 +117,9 @@ async def test_axe_finds_nothing_grave(stage: Stage, npm: Any, role: Role) -> No
             await page.click("[data-do=theme]")
 
 
-@pytest.mark.parametrize("role", list(Role), ids=lambda role: role.value)
+@pytest.mark.parametrize(
+    "role", slow_but({Role.OPERATOR}.__contains__, Role), ids=lambda role: role.value
+)
 async def test_nothing_is_beside_the_screen(stage: Stage, role: Role) -> None:
     """CON-25: no horizontal scrolling, for no role, on no tab of a phone, in no dialog; nor in the
     wide window that the page is shown in then."""
@@ -231,7 +236,7 @@ SPOT = """([x, y]) => {
 WAYS = ("mouse", "touch", "keyboard", "picture")
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", slow_but("picture".__eq__, WAYS))
 async def test_a_mark_is_shown_before_it_is_set(stage: Stage, way: str) -> None:
     """M and Enter mark; so do one click and one tap after the button. Until then the map and the
     picture show where it goes and how far away, and keys move it."""

@@ -7,13 +7,14 @@ import contextlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from statistics import median
 
 import numpy as np
 
 from usarsim_client import Line as ToldLine
 from usarsim_client import actor
 from usarsim_conformance.case import Case
-from usarsim_conformance.control import Robot, pose_of
+from usarsim_conformance.control import Robot, pose_of, turned
 from usarsim_conformance.excursions import Equipment, Track, equipment, spawn_far
 from usarsim_conformance.grounds import YAW, lane
 from usarsim_conformance.lines import Line
@@ -24,12 +25,14 @@ from usarsim_conformance.walls import Builder, controller
 
 PACE = 1.0
 """m/s of an approach; less for robots that are slower."""
-_AHEAD = 8.0
+_AHEAD = 6.0
 """m from the robot to the wall at first."""
 _STOPS = 1.6
 """m from the wall at which it turns back."""
 _WALL = (6.0, -2.6, 3.0)
 """m: width, z of the upper edge, height."""
+_SLOWEST = 0.4
+"""m/s."""
 _RAMP = 1.2
 """s until it drives steadily."""
 _LOOKS = 30
@@ -42,7 +45,7 @@ _NEAR = 0.15
 _LOST = 4.0
 """m within which the robot is the one that is listed: others of its class are far away."""
 _ROUNDS = 4
-_LONGEST = 20.0
+_LONGEST = 12.0
 """s that a way may take."""
 
 
@@ -86,6 +89,15 @@ class Approach:
                 places.append(self.along(place))
         return times, places
 
+    @property
+    def leaning(self) -> float:
+        """Pitch by GroundTruth while it drives, the median, rad."""
+        return median(
+            abs(turned(0.0, pose.orientation[1]))
+            for way in self.ways
+            for _, pose in way.track.true_poses
+        )
+
     def lateness(self) -> tuple[float, float, int]:
         """By how many s GroundTruth is late, its standard error, and of how many looks: the truth
         port lists a robot farther along by that time's way. NaN if there are too few looks.
@@ -123,6 +135,8 @@ async def approach(case: Case, class_name: str) -> Approach:
         base = Place(None, lane(case).location, (0.0, 0.0, YAW))
         robot = await spawn_far(case, class_name, base)
         pace = await pace_of(robot)
+        if pace.speed < _SLOWEST:
+            raise NotApplicable(f"{class_name} is too slow to tell its way from rounding")
         found = Approach(worn, base, math.inf)
         height = (await robot.pose()).location[2]
         with contextlib.suppress(NotApplicable):  # stamps of poses can be judged without a wall

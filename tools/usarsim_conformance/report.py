@@ -50,6 +50,8 @@ class Report:
     dialects: tuple[str, ...]  # that were judged, in order
     rules: tuple[Rule, ...]  # all that were judged, in order
     results: tuple[Result, ...]  # one for each check and dialect, in order
+    staged: bool = False
+    """The server is ours, in the world of the kit, where each check finds what it needs."""
 
     def count(self, verdict: Verdict, severity: Severity | None = None) -> int:
         """Number of results with a verdict, of rules of one severity if given."""
@@ -61,8 +63,13 @@ class Report:
 
     @property
     def conforms(self) -> bool:
-        """Whether no rule that must be kept was found broken."""
-        return self.count(Verdict.FAIL, Severity.MUST) == 0
+        """Whether no rule that must be kept was found broken.
+
+        A server in the kit's own world must also leave no such rule inconclusive.
+        """
+        failed = self.count(Verdict.FAIL, Severity.MUST)
+        unjudged = self.count(Verdict.INCONCLUSIVE, Severity.MUST) if self.staged else 0
+        return failed + unjudged == 0
 
     @property
     def counts(self) -> Counter[Verdict]:
@@ -89,6 +96,7 @@ def as_json(report: Report) -> str:
         "taken": report.taken.isoformat(),
         "seconds": round(report.seconds, 1),
         "conforms": report.conforms,
+        "staged": report.staged,
         "counts": {verdict.value: report.counts[verdict] for verdict in Verdict},
         "dialects": list(report.dialects),
         "rules": [{**asdict(rule), "severity": rule.severity.value} for rule in report.rules],
@@ -133,6 +141,7 @@ def from_json(text: str) -> Report:
                 )
                 for result in data["results"]
             ),
+            staged=bool(data.get("staged", False)),
         )
     except KeyError as error:
         raise ValueError(f"there is no {error} in it") from None

@@ -103,6 +103,7 @@ async def judge_all(
         dialects=tuple(found.dialects),
         rules=tuple(Rule.of(check) for check in checks),
         results=tuple(results[check.id, dialect] for check, dialect in jobs),
+        staged=target.staged,
     )
 
 

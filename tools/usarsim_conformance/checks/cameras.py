@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import pose_of, turned
+from usarsim_conformance.grounds import open_floor
 from usarsim_conformance.lines import Line, numbers
+from usarsim_conformance.places import Place
 from usarsim_conformance.registry import Severity, checks_of
 from usarsim_conformance.side_images import (
     CameraRobot,
@@ -25,7 +27,7 @@ images = checks_of("images")
 
 Floats = NDArray[np.float64]
 
-_MOST = 6
+_MOST = 5
 """Robots that are put to see where a second row of tiles begins."""
 _FRESH = 15.0
 """s of simulated time until a picture shows what has changed; slow machines draw seldom."""
@@ -102,7 +104,12 @@ def _parts(picture: Pixels) -> Floats:
 async def headlight(case: Case) -> None:
     """After `DRIVE {Light true}`, when LightToggle of STA is True, some eighth by eighth of the
     picture is brighter by more than 5 of 255 than before, and dark again after `{Light false}`."""
-    watcher = await camera_robot(case)
+    async with open_floor(case) as lot:  # nobody passes by there
+        await _switched(case, lot)
+
+
+async def _switched(case: Case, lot: Place) -> None:
+    watcher = await camera_robot(case, place=lot)
     robot = watcher.robot
     if robot.first.get("LightToggle") is None:
         case.skip("STA has no LightToggle")

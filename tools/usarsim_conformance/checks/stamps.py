@@ -24,13 +24,15 @@ _UNSURE = 0.02
 _NEAR, _OFF = 0.02, 0.055
 """m by which ranges of a wall that comes nearer may be off: in the middle of all, and each, since
 range, place and time are cut off at two digits."""
+_LEVEL = 0.03
+"""rad."""
 _SLOW = 0.25
 """m/s; slower robots are not told from late ones."""
 
 
-async def _approach(case: Case, *types: str, least: float = 0.0) -> Approach:
-    """The approach of the robot of most checks, or of another that carries what is wanted and is
-    not slower than some m/s.
+async def _approach(case: Case, *types: str, level: bool = False) -> Approach:
+    """The approach of the robot of most checks, or of another that carries what is wanted; if it
+    has to stay level, of none that leans when it flies ahead.
 
     Raises:
         NotApplicable: if there is none.
@@ -42,7 +44,7 @@ async def _approach(case: Case, *types: str, least: float = 0.0) -> Approach:
             found = await approach(case, class_name)
         except NotApplicable:
             continue
-        if max(way.speed for way in found.ways) >= least:
+        if not level or found.leaning < _LEVEL:
             return found
     raise NotApplicable(f"no robot with {' and '.join(types)} can be driven straight to a wall")
 
@@ -69,7 +71,7 @@ async def truth_stamps(case: Case) -> None:
 async def scan_stamps(case: Case) -> None:
     """Range of a RangeScanner that comes nearer to a wall, and goes away from it, is the distance
     at the Time of the scan: not that of the scan before, nor the same twice."""
-    found = await _approach(case, "RangeScanner", "GroundTruth", least=1.6 * _SLOW)
+    found = await _approach(case, "RangeScanner", "GroundTruth", level=True)
     if math.isinf(found.wall):
         case.skip("there is no world controller that puts a wall")
     late, error, _ = found.lateness()
