@@ -25,8 +25,9 @@ _SLOW = 0.3
 """Part of the pace at which a robot comes into touch first."""
 _OVERLAP = 0.02
 """m by which bodies may overlap more in a collision than in gentle touch."""
-_HELD = 0.3
-"""s in which a robot that is held up is told from one that drives."""
+_HELD = 0.12
+"""m that a robot should have driven meanwhile when it is said to be held up: places are cut off at
+two digits."""
 _CUT = 0.03
 """m for two places that are cut off at two digits each."""
 _BODY = 0.5
@@ -118,9 +119,9 @@ def _touch(gaps: list[tuple[float, float, float]], speed: float) -> float:
         gaps: time, place and gap then.
         speed: m/s that it was told.
     """
-    drives = False
+    drives, span = False, _HELD / speed
     for now, place, gap in gaps:
-        before = [one for one in gaps if now - _HELD - 0.11 < one[0] <= now - _HELD]
+        before = [one for one in gaps if now - span - 0.11 < one[0] <= now - span]
         if not before:
             continue
         found = (place - before[-1][1]) / (now - before[-1][0])
