@@ -266,9 +266,7 @@ _WIDE = ("Zerg", "Matilda")
 """Classes whose scanners look back to both sides, too."""
 
 
-@measured(
-    "values.scan-wide", "A scan of more than half a turn goes from the right to the left", "2.3"
-)
+@measured("values.scan-wide", "A scan beyond half a turn goes from right to left", "2.3")
 async def scan_wide(case: Case) -> None:
     """Beams of a RangeScanner with a Fov of more than pi go from +Fov/2, behind on the right, to
     -Fov/2, too. Not applicable without such a scanner."""
