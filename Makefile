@@ -72,11 +72,11 @@ $(VENV)/pip:
 	@touch $@
 
 $(VENV)/ready: pyproject.toml | $(VENV)/pip
-	$(BIN)/python -m pip install --quiet --editable ".[conformance,batch,maps]"
+	$(BIN)/python -m pip install --quiet --editable ".[batch,maps]"
 	@touch $@
 
 $(VENV)/ready-console: pyproject.toml | $(VENV)/pip
-	$(BIN)/python -m pip install --quiet --editable ".[console,conformance,batch,maps]"
+	$(BIN)/python -m pip install --quiet --editable ".[console,batch,maps]"
 	@touch $@ $(VENV)/ready
 
 $(VENV)/ready-dev: pyproject.toml | $(VENV)/pip

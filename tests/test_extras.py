@@ -14,7 +14,16 @@ from usarsim_server.testing import PATIENCE, running_server
 
 ROOT = Path(__file__).parents[1]
 SITE = Path(sysconfig.get_paths()["purelib"])
-SERVER = ("mujoco", "numpy", "embreex", "cv2", "opencv_python_headless", "mapbox_earcut")
+SERVER = (
+    "mujoco",
+    "numpy",
+    "embreex",
+    "cv2",
+    "opencv_python_headless",
+    "mapbox_earcut",
+    "PIL",
+    "pillow",
+)
 """How the files of the base dependencies begin."""
 OF_MUJOCO = ("glfw", "OpenGL", "etils", "absl", "fsspec", "importlib_resources", "zipp", "typing_")
 START = "from usarsim_server.__main__ import main; sys.exit(main())"
@@ -44,12 +53,9 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 @pytest.mark.parametrize(
     ("command", "library", "extra"),
     [
-        ("conformance --self", "PIL", "conformance"),
         ("console", "aiohttp", "console"),
         ("explore list", "psutil", "exploration"),
-        ("import nothing.obj --out there", "PIL", "maps"),
         ("mission check arena-search", "yaml", "missions"),
-        ("robots --page page.md", "PIL", "maps"),
         ("study check rsarsim", "yaml", "study"),
         ("sweep runs.toml --out there", "psutil", "batch"),
     ],

@@ -35,5 +35,5 @@ def test_without_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [one for one in sys.modules if one.startswith("usarsim_gym")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(BenchError, match=r"\(pip install usarsim-server\[gym\]\)$"):
+    with pytest.raises(BenchError, match=r"\(pip install \"usarsim-server\[gym\]\"\)$"):
         measure_gym(Plan())

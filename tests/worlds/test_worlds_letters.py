@@ -99,7 +99,7 @@ def test_a_settings_file_names_a_world(tmp_path: Path) -> None:
     sheet.write_text('world = "Müller/世界"\n', encoding="utf-8")
     program = (
         "import sys; from pathlib import Path; from usarsim_server.options import load_settings\n"
-        "from usarsim_server.worlds.scene import *\n"
+        "from usarsim_server.worlds.loader import find_world\n"
         "print(find_world(load_settings({}, Path(sys.argv[1])).world).is_dir())"
     )
     for locale in LOCALES:

@@ -81,9 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
         return check(arguments.check, folders, arguments.out)
     if arguments.page is not None:
         from usarsim_doctor.robot_page import write
-        from usarsim_server.base.extras import need
 
-        need("PIL", extra="maps", asker="--page")
         return write(arguments.page, folders)
     catalog = load_catalog(folders)
     if arguments.name is None:

@@ -53,11 +53,7 @@ PACKAGES = (
     Package("embreex", "embreex", "embreex>=4.4.0", "the rays of range sensors"),
     Package("opencv-python-headless", "cv2", "opencv-python-headless>=4.9", "camera pictures"),
     Package("mapbox_earcut", "mapbox_earcut", "mapbox_earcut>=2.0", "polygons of worlds"),
-    Package(
-        *("pillow", "PIL", "pillow>=10.1"),
-        "maps cannot be imported, and JPEG pictures not be read",
-        optional=True,
-    ),
+    Package("pillow", "PIL", "pillow>=10.1", "textures, and pictures in files"),
     Package(
         *("psutil", "psutil", "psutil>=6"),
         "batches cannot be played, and this machine's memory and load not be looked at",
