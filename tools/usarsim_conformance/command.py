@@ -138,7 +138,7 @@ def run(arguments: argparse.Namespace) -> int:
         robot=arguments.robot or (GROUND[0] if arguments.own else None),
         start=arguments.start,
         dialect=None if arguments.dialect == "auto" else arguments.dialect,
-        staged=arguments.own,
+        staged=arguments.own and arguments.robot is None,
     )
     if arguments.own and len(classes := _classes(target.robot or "")) > 1:
         return _judge_classes(classes, target, checks, arguments, teller)

@@ -51,7 +51,7 @@ class Report:
     rules: tuple[Rule, ...]  # all that were judged, in order
     results: tuple[Result, ...]  # one for each check and dialect, in order
     staged: bool = False
-    """The server is ours, in the world of the kit, where each check finds what it needs."""
+    """The server is ours, in the world of the kit, with the usual robot: all can be judged."""
 
     def count(self, verdict: Verdict, severity: Severity | None = None) -> int:
         """Number of results with a verdict, of rules of one severity if given."""

@@ -44,7 +44,7 @@ class Target:
     start: str | None = None
     """Where to put robots, as `places.place_from` reads it; None for all start poses."""
     dialect: str | None = None  # the only one to judge; None for all that it speaks
-    staged: bool = False  # it is ours, in the world of the kit
+    staged: bool = False  # it is ours, in the world of the kit, with the usual robot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
