@@ -73,6 +73,20 @@ def test_a_missing_library_is_one_line(
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.parametrize("command", ["import {} --out there", "serve --port 0 --world {}"])
+def test_a_map_names_its_library(command: str, bare: list[str], tmp_path: Path) -> None:
+    """Also where the server itself imports the map."""
+    sheet = tmp_path / "hall.yaml"
+    sheet.write_text("image: hall.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n")
+    words = command.format(sheet).split()
+    done = subprocess.run(
+        [*bare, *words], capture_output=True, text=True, cwd=tmp_path, timeout=PATIENCE
+    )
+    assert done.returncode == 2, done.stderr
+    assert "grid maps need the Python package 'yaml'" in done.stderr
+    assert done.stderr.endswith('(pip install "usarsim-server[maps]")\n')
+
+
 @pytest.mark.parametrize("command", ["worlds", "robots P3AT", "doctor --quick --port 0"])
 def test_the_base_is_enough(command: str, bare: list[str], tmp_path: Path) -> None:
     done = subprocess.run(

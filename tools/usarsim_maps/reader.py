@@ -31,6 +31,7 @@ _MESHES = 'pip install "usarsim-server[meshes]"'
 PACKAGES = {
     "pxr": "pip install usd-core",
     "ufbx": 'pip install "usarsim-server[fbx]"',
+    "yaml": 'pip install "usarsim-server[maps]"',
 } | dict.fromkeys(("DracoPy", "lxml", "meshopt", "networkx", "trimesh"), _MESHES)
 """How to get an optional package."""
 

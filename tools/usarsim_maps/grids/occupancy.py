@@ -28,7 +28,7 @@ from usarsim_maps.grids.shades import (
     read_shades,
 )
 from usarsim_maps.meshes.mesh_files import Pictures
-from usarsim_maps.reader import Context, Reader, register
+from usarsim_maps.reader import Context, Reader, need, register
 from usarsim_maps.scene import Mask, Material, Part, Plane, Scene, SceneObject, Source
 from usarsim_maps.units import reflect
 from usarsim_server.base.errors import MapImportError, at
@@ -225,8 +225,7 @@ def read_yaml(path: Path, text: str) -> dict[str, Value]:
     Backslashes are those of paths, in quotes too. A `MapImportError` names the line that makes no
     sense.
     """
-    import yaml
-
+    yaml = need("yaml", path, "grid maps")
     lines = text.replace("\\", "/").expandtabs().split("\n")
     if len(lines) > MAX_YAML_LINES:
         raise MapImportError(at(path, f"{len(lines)} lines", "give the YAML file of a map"))
