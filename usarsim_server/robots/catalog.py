@@ -354,7 +354,7 @@ class RobotCatalog:
 
         Returns:
             The robot under its own name, under the name of the alias, or, if a pattern matched,
-            under the client's own spelling, which has to be a name (see `protocol.names`).
+            under the client's own spelling, which may hold letters, digits, `_` and `-` only.
 
         Raises:
             RobotDescriptionError: if its file was not read yet and cannot be used.

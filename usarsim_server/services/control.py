@@ -280,7 +280,7 @@ class _Connection:
             work = time.thread_time() - begun
             # `receive` does not yield while there is data: let other clients have a turn.
             await asyncio.sleep(0)
-            self._submitted += sum([command.weight for command in commands])
+            self._submitted += sum(command.weight for command in commands)
             if not await self._catch_up(session):
                 break
             if not await self._pay(session, work, input_cost(lines, len(commands))):

@@ -50,8 +50,8 @@ class Dispatcher:
 
         Args:
             cast_all: see there.
-            rested: called whenever somebody has nothing left to do but to write, and again when
-                that is done (a world without pace waits for that); None: nobody waits.
+            on_idle: called whenever a session has nothing left to do but to write, and again when
+                that is done (a world without pace waits for that); None: no call.
             moment: wall time (`time.perf_counter`) at which the reports of a simulated time leave;
                 those that are ready earlier wait for it. The world is ahead of the clock at a
                 pace, so streams are as even as the clock unless reports take longer than that.

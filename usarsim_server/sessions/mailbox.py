@@ -121,7 +121,7 @@ class Mailbox:
             if self._closed:
                 return
             self._commands.extend(commands)
-            self._submitted += sum([command.weight for command in commands])
+            self._submitted += sum(command.weight for command in commands)
             self._call()
 
     def intervene(self, act: Callable[[Role], None]) -> None:

@@ -139,7 +139,7 @@ class Robots:
         """Start without robots.
 
         Args:
-            roster: the classes that can be asked for.
+            catalog: the classes that can be asked for.
             world: the world they are put into.
             simulation: its physics.
             seed: of all sensor noise; each sensor draws from a stream of its own, chosen by the
@@ -220,7 +220,7 @@ class Robots:
 
         Args:
             description: its class.
-            name: wanted label; cleaned and made unique (see `protocol.names`), invented if None.
+            name: wanted label, made clean (`clean_name`) and unique; None: invented.
             pose: wanted pose of the reference point (simulation frame).
             wanted: asked when its turn has come; others before it may have taken long.
             exact_name: no other name will do.

@@ -102,7 +102,8 @@ class Session(Mailbox):
         """Execute commands that wait.
 
         Args:
-            apart: it has a thread of its own. Otherwise whatever is slow is left for then.
+            own_thread: the session has a thread of its own. Otherwise slow commands are left for
+                such a call.
         """
         self._begun = False
         executed, started = 0, 0.0

@@ -113,8 +113,6 @@ class Stepper:
         snapshot: the newest that was published.
         speed: simulated seconds per wall second asked for.
         failure: why the physics thread had to give up, None if it did not.
-        together: whoever is woken inside is served as one batch; so what is worked out together
-            does not depend on which thread runs first.
     """
 
     def __init__(

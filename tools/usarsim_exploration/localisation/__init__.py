@@ -5,8 +5,8 @@ read, and answers with a pose. `rasterise` makes of readings in metres what maps
 
 The frame is that of the environment: x to the right along columns, y down along rows, m; the
 middle of cell (column, row) is at ((column + 0.5) cell, (row + 0.5) cell). Headings are rad from x
-towards y. So a pose in the wire frame of a server that runs a world of `worlds.physics` has the
-same x and heading, and its y is less by the height of the world.
+towards y. A server that runs a world of `usarsim_exploration.worlds.physics` tells poses in the
+wire frame: x and heading are the same, and y is less by the height of the world.
 """
 
 from usarsim_exploration.localisation.evidence import Evidence
