@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from camera_fakes import (
@@ -155,6 +157,32 @@ class TestIdle:
         stage.yard.park(-8.0, -8.0, model=cart("newcomer"))
         stage.world.set_time(1.0)
         assert eventually(lambda: painted[-1] == stage.world.look().generation > before)
+
+    def test_the_renderer_is_closed_and_opened_again(
+        self, stage: Set, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Memory and threads of OpenGL go back; pictures and frames come as before."""
+        monkeypatch.setattr(render_loops, "IDLE_CLOSE", 0.05)
+        closed: list[Painter] = []
+        real = Painter.close
+
+        def close(painter: Painter) -> None:
+            real(painter)
+            closed.append(painter)
+
+        monkeypatch.setattr(Painter, "close", close)
+        view = View(looking((0.0, 0.0, 0.6), (4.0, 0.0, 0.5)), 1.0, 48, 36)
+        before = stage.render_loop.picture(view)
+        assert eventually(lambda: len(closed) == 1)
+        assert np.array_equal(stage.render_loop.picture(view), before)
+        assert eventually(lambda: len(closed) == 2)
+        watcher = stage.watch(GRID.region(0))
+        watcher.wait()
+        time.sleep(0.3)
+        assert len(closed) == 2
+        assert watcher.watch is not None
+        watcher.watch.close()
+        assert eventually(lambda: len(closed) == 3)
 
 
 class TestTrouble:

@@ -168,6 +168,7 @@ def _section(plan: Plan, course: _Course, robots: int, seconds: float, classes: 
 
     figures = [
         Figure("Memory with the first robot", first.resident / MIB, "MiB", 0),
+        Figure("Own memory with the first robot", (first.resident - first.mapped) / MIB, "MiB", 0),
         Figure(f"Memory after {warm_up / 60.0:.1f} min", late[0][1] / MIB, "MiB", 0),
         Figure("Memory, highest after that", max(size for _, size in late) / MIB, "MiB", 0),
         Figure("Memory, last", late[-1][1] / MIB, "MiB", 0),
@@ -189,10 +190,14 @@ def _section(plan: Plan, course: _Course, robots: int, seconds: float, classes: 
             Figure("... after by before", ratio, "", 2, judged(COST_AIM)),
         ]
     if left is not None:
-        back = left.resident / first.resident
+        # The libraries that the first picture loads stay, as pages of files.
+        back = (left.resident - left.mapped) / (first.resident - first.mapped)
         descriptors = left.descriptors - first.descriptors
         figures += [
             Figure("Memory when everybody has gone", left.resident / MIB, "MiB", 0),
+            Figure(
+                "Own memory when everybody has gone", (left.resident - left.mapped) / MIB, "MiB", 0
+            ),
             Figure("... by that with the first robot", back, "", 3, judged(BACK_AIM)),
             Figure("Threads left behind", left.threads - first.threads, "", 0, THREADS_AIM),
             Figure("Descriptors left behind", descriptors, "", 0, NONE_AIM),
