@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from lanes import SLOW
 
 ROOT = Path(__file__).parents[1]
 PLANTED = ("mujoco.py", "pickle.py", "multiprocessing.py", "numpy.py", "usarsim_server/__init__.py")
@@ -50,9 +51,15 @@ def test_programs_are_started_in_one_place() -> None:
     [
         ("snapshot", "picture.png", "--world", "empty"),
         ("sweep", "sweep.toml", "--out", "swept"),
-        ("explore", "bench", "batch.toml", "--out", "batch", "--jobs", "1", "--strategy", "greedy"),
-        ("explore", "run", "run.toml", "--backend", "server", "--steps", "3", "--out", "run"),
-        ("conformance", "--self", "--only", "control.init.case"),
+        pytest.param(
+            ("explore", "bench", "batch.toml", "--out", "batch", "--jobs=1", "--strategy=greedy"),
+            marks=SLOW,
+        ),
+        pytest.param(
+            ("explore", "run", "run.toml", "--backend", "server", "--steps=3", "--out", "run"),
+            marks=SLOW,
+        ),
+        pytest.param(("conformance", "--self", "--only", "control.init.case"), marks=SLOW),
     ],
     ids=lambda words: " ".join(words[:2]),
 )

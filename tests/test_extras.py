@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from lanes import slow_but
 
 from usarsim_server.testing import PATIENCE, running_server
 
@@ -87,7 +88,10 @@ def test_a_map_names_its_library(command: str, bare: list[str], tmp_path: Path) 
     assert done.stderr.endswith('(pip install "usarsim-server[maps]")\n')
 
 
-@pytest.mark.parametrize("command", ["worlds", "robots P3AT", "doctor --quick --port 0"])
+@pytest.mark.parametrize(
+    "command",
+    slow_but({"worlds"}.__contains__, ["worlds", "robots P3AT", "doctor --quick --port 0"]),
+)
 def test_the_base_is_enough(command: str, bare: list[str], tmp_path: Path) -> None:
     done = subprocess.run(
         [*bare, *command.split()], capture_output=True, text=True, cwd=tmp_path, timeout=PATIENCE

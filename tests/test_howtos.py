@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from lanes import slow_but
 
 PAGES = sorted((Path(__file__).parents[1] / "docs" / "howto").glob("*.md"))
 SCREEN = 90
@@ -60,7 +61,9 @@ def install(project: str, folder: Path) -> None:
     (facts / "entry_points.txt").write_text("".join(text))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page", slow_but(lambda page: page.stem != "strategy", PAGES), ids=lambda page: page.stem
+)
 def test_the_page_works(page: Path, tmp_path: Path) -> None:
     """Each command succeeds, or prints the error that is shown, and prints the lines shown."""
     text = page.read_text(encoding="utf-8")

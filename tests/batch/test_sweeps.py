@@ -160,6 +160,7 @@ def test_an_estimate_is_measured(tmp_path: Path) -> None:
     assert float(said.split("about ")[1].split()[0]) == pytest.approx(true, rel=0.3)
 
 
+@pytest.mark.slow
 def test_slurm_by_its_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """BAT-02: the tasks of the script, run by a shell, come to the bytes that processes come to."""
     path = tmp_path / "batch.toml"

@@ -21,8 +21,13 @@ _FAULTS = all_wire_faults()
 _OPTIONS = {"own": (), "images": (), "raw": ("--image-type", "RAW")}
 """Of the servers that get the faults, by the name of the server that a fault asks for."""
 _FINE = (Verdict.PASS, Verdict.NOT_APPLICABLE)
-_FIRST = {fault.check.rsplit(".", 1)[0]: name for name, fault in reversed(_FAULTS.items())}
-"""The first fault of each group of checks: the others are slow."""
+_FAMILIES = {"ackerman", "aerial", "arm", "flippers", "legged", "motion"}
+_FIRST = {
+    service if group not in _FAMILIES else group: name
+    for name, fault in reversed(_FAULTS.items())
+    for service, group, *_ in [fault.check.split(".")]
+}
+"""The first fault of each service and each family of robots: the others are slow."""
 
 
 def _healthy() -> dict[str, WireFault]:

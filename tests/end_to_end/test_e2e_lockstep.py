@@ -357,6 +357,7 @@ def assert_equal(first: list[list[str]], again: list[list[str]], classes: Sequen
         assert sum(line.startswith("STA") for line in one) >= 10 * REPEATS_SECONDS / 5, name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "classes",
     slow_but(
@@ -370,6 +371,7 @@ def test_every_kind_repeats(classes: list[str]) -> None:
     assert_equal(repeats_play(classes), repeats_play(classes), classes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", slow_but((1).__eq__, [1, 16]))
 def test_teams_repeat(count: int) -> None:
     """One robot alone, and sixteen of four kinds, among them one that reports every 0.01 s."""
@@ -389,6 +391,7 @@ def alone(name: str, world: str) -> list[str]:
     return heard
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "world"),
     slow_but(

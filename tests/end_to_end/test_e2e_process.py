@@ -95,6 +95,7 @@ def test_every_option_can_stand_in_the_file(tmp_path: Path) -> None:
         assert re.search(r"\{Time \d+\.\d{4}\}", client.wait_for("STA")), "udk: four digits"
 
 
+@pytest.mark.slow
 def test_robots_of_a_user(tmp_path: Path) -> None:
     """A file in the folder of --robots adds a class that can be spawned by its name."""
     (tmp_path / "MyRover.toml").write_text('name = "MyRover"\nextends = "P3AT"\n')
@@ -143,12 +144,14 @@ def test_serve_ends_with_code_0(delay: float, number: signal.Signals) -> None:
     check(ending, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", slow_but((1.0).__eq__, [0.3, 1.0, 3.0]))
 def test_impatience_changes_nothing(delay: float) -> None:
     """Ctrl-C again and again is one Ctrl-C."""
     check(signalled(["serve", "--world", "empty", *PORTS], delay, times=4), 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", slow_but(MOMENTS[::3].__contains__, MOMENTS))
 def test_serving_a_map_ends_with_code_0(
     delay: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -217,6 +220,7 @@ def test_a_second_server_says_so_before_it_loads(flag: str, tmp_path: Path) -> N
     assert f"{flag} N" in line
 
 
+@pytest.mark.slow
 def test_clients_wait_for_the_world() -> None:
     """The port is open before the world is loaded; who comes so early is greeted afterwards."""
     off = [one for one in PORTS if not one.startswith("--port")]

@@ -291,6 +291,7 @@ def test_mistakes_end_the_server(arguments: tuple[str, ...], words: str) -> None
     assert "Traceback" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_mistakes_in_the_settings_file(tmp_path: Path) -> None:
     """A [wireless] table is checked, and the error names file, table and key."""
     file = tmp_path / "lab.toml"

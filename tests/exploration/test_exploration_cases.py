@@ -100,6 +100,7 @@ def test_nobody_is_home_while_data_is_not() -> None:
     assert result.history.known_base[-1] >= 0.95 * result.history.reachable[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["frontier", "next-best-view"])
 @pytest.mark.parametrize(
     ("noise", "least"),

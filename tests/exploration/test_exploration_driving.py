@@ -109,6 +109,7 @@ def test_all_that_is_traded_with_the_base_is_known_there() -> None:
     assert np.array_equal(base.bits & KNOWN != 0, robot.bits & KNOWN != 0)
 
 
+@pytest.mark.slow
 def test_noise_is_off_and_repeats(tmp_path: Path) -> None:
     """E-25: without it maps hold no wall where none is; with it equal seeds err alike."""
     found = {}

@@ -323,6 +323,7 @@ def test_an_office_is_explored() -> None:
     assert type(one.cycle.bodies[1].strategy) is FrontierStrategy
 
 
+@pytest.mark.slow
 def test_a_server_that_goes_away(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One line that says so; the folder holds what was, and why it failed."""
     move = ServerLevel.move

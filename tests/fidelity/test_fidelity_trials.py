@@ -48,7 +48,13 @@ def named(number: int, trial: Trial, robot: str) -> str:
 @pytest.mark.parametrize(
     ("trial", "robot", "steps"),
     [
-        pytest.param(trial, trial.robots[0], (STEP,), id=named(number, trial, trial.robots[0]))
+        pytest.param(
+            trial,
+            trial.robots[0],
+            (STEP,),
+            id=named(number, trial, trial.robots[0]),
+            marks=SLOW if "#59" in trial.tests else (),
+        )
         for number, trial in enumerate(TRIALS)
     ]
     + [

@@ -164,6 +164,7 @@ TURNS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", TURNS)
 @pytest.mark.parametrize("change", slow_but(lambda one: one is as_it_is, [as_it_is, reversed_]))
 @pytest.mark.parametrize("name", ["posts", "terraces", "arena", "wide rubble"])
@@ -182,6 +183,7 @@ def test_instances_are_felt_where_they_are_seen(
     assert lost == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cubic posts", "terraces"])
 def test_step_fields_that_are_pushed(tmp_path: Path, name: str) -> None:
     """A step field that the map forgot to fix is felt as it is seen, and lies still."""

@@ -299,6 +299,7 @@ NASTY = st.sampled_from(
 )
 
 
+@pytest.mark.slow
 @given(st.tuples(NASTY, NASTY, NASTY), st.tuples(NASTY, NASTY, NASTY), NASTY)
 @FUZZ
 def test_senseless_numbers(

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from lanes import slow_but
 from mesh_samples import FUZZ, dae_textured
 from PIL import Image
 from sdf_samples import model, shape, world
@@ -211,7 +212,13 @@ HANGS = {
 }
 
 
-@pytest.mark.parametrize("name", [*HANGS, "pipe.t3d", "pipe.sdf", "folder.obj", "sidecar.obj"])
+@pytest.mark.parametrize(
+    "name",
+    slow_but(
+        {"map.world", "pipe.t3d", "folder.obj"}.__contains__,
+        [*HANGS, "pipe.t3d", "pipe.sdf", "folder.obj", "sidecar.obj"],
+    ),
+)
 def test_pipes_keep_nobody_waiting(place: Path, name: str) -> None:
     """In place of pictures, scripts, material libraries, sidecars, of the map itself."""
     for pipe in ("pipe.png", "m.mtl", "pipe.material", "pipe.t3d", "pipe.sdf", "LICENSE"):

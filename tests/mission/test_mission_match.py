@@ -221,6 +221,7 @@ def _lines(path: Path) -> list[dict[str, Any]]:
     return [{key: one[key] for key in one if key not in clocks} for one in records]
 
 
+@pytest.mark.slow
 def test_a_whole_run(tmp_path: Path) -> None:
     """O-44, O-47: from the command to score, report and archive; scored again it is the same."""
     mission = tmp_path / "ahead.toml"

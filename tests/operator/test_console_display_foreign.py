@@ -25,7 +25,7 @@ from usarsim_record.proxy import Proxy
 from usarsim_record.recording import Link, Writer, read
 from usarsim_server.testing import ServerProcess, running_server
 
-pytestmark = pytest.mark.usefixtures("page_folder")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("page_folder")]
 
 CLASSES = {"ut2004": "P2AT", "udk": "P3AT", "own": "P3AT"}
 

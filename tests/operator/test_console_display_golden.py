@@ -16,7 +16,7 @@ from console_rig import Played, chromium
 from golden_pictures import FOLDER, every, likeness, picture, played_still
 from PIL import Image
 
-pytestmark = pytest.mark.usefixtures("page_folder")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("page_folder")]
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from console_browser import NO_GL
 from console_rig import Played, canvas, chromium, escaped_twice, shown, until
 from console_rig import pixels as screen
 
-pytestmark = pytest.mark.usefixtures("page_folder")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("page_folder")]
 
 
 @pytest.fixture(scope="module")

@@ -33,7 +33,7 @@ from usarsim_client.readings import GroundTruth, Pose
 from usarsim_server.testing import ScriptedClient, ServerProcess
 
 pytest.importorskip("aiohttp")
-pytestmark = pytest.mark.usefixtures("page_folder")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("page_folder")]
 
 
 @pytest.fixture(scope="module")

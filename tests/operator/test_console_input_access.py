@@ -20,6 +20,8 @@ from console_browser import Stage, becomes, staged, until
 from usarsim_client.readings import LaserScan
 from usarsim_operator.roles import Role
 
+pytestmark = pytest.mark.slow
+
 ROBOTS = ("R1", "R2", "R3", "R4")
 AXE = (
     Path(__file__).parents[2]

@@ -21,6 +21,8 @@ from console_harness import gateway
 
 from usarsim_operator.roles import Role
 
+pytestmark = pytest.mark.slow
+
 ZERO = (0.0, 0.0)
 EVIL = "<img/src=x/onerror=alert(1)>"  # as names have no blanks
 CYCLES = 20

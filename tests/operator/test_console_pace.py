@@ -17,6 +17,8 @@ from usarsim_operator.roles import Role
 from usarsim_server.services import scene_supervision
 from usarsim_server.testing import PATIENCE
 
+pytestmark = pytest.mark.slow
+
 STATE = "window.usarsim.store.state"
 
 

@@ -131,6 +131,7 @@ class TestEnds:
             assert process.stderr.read() == ""
         assert gone(programs)
 
+    @pytest.mark.slow
     def test_a_program_that_dies_ends_the_demo(self) -> None:
         """With exit code 2 and what it said last."""
         with running("demo", "--world=empty", "--robots=0") as (process, _):
@@ -144,6 +145,7 @@ class TestEnds:
         assert "Traceback" not in said
         assert gone(programs)
 
+    @pytest.mark.slow
     def test_killed_demo_leaves_nothing(self) -> None:
         """SIGKILL cannot be caught; the programs end all the same."""
         with running("demo", "--world=empty", "--robots=0") as (process, _):

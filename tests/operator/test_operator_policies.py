@@ -80,6 +80,7 @@ def test_explore_sees_all_rooms() -> None:
     assert policy.powers(_view(toy, map)) == (0.0, 0.0)
 
 
+@pytest.mark.slow
 def test_search_goes_round_again() -> None:
     """Where `explore` stands, since all is seen, `search` comes back to every room."""
     map, toy, ground = OccupancyMap(), Toy(ROOMS, 1.0, 1.0, 0.7, speed=1.0), Ground()
@@ -232,6 +233,7 @@ def test_it_leaves_by_the_way_it_came() -> None:
     assert max(math.dist((one.x, one.y), here) for one in places) > 2.5
 
 
+@pytest.mark.slow
 def test_a_place_that_was_looked_at_again_counts_as_visited() -> None:
     """It need not stand on it: two corners that no robot has stood in do not keep it for ever."""
     map, toy = OccupancyMap(), Toy(ROOMS, 1.0, 1.0, 0.7, speed=1.0)

@@ -8,6 +8,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from lanes import slow_but
 
 pytest.importorskip("aiohttp")
 
@@ -18,7 +19,7 @@ def hashes(folder: Path) -> dict[str, str]:
     return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in folder.iterdir()}
 
 
-@pytest.mark.parametrize("script", ["test", "types", "lint"])
+@pytest.mark.parametrize("script", slow_but({"test"}.__contains__, ["test", "types", "lint"]))
 def test_the_page_passes_its_own_tests(npm: Callable[..., Any], script: str) -> None:
     """O-29 to O-32, O-35, O-36, CON-08, CON-18 to CON-20, CON-27: node's test runner; style."""
     done = npm("run", script)

@@ -71,6 +71,7 @@ position = [2.5, 0.6, 0.12]
 """
 
 
+@pytest.mark.slow
 def test_a_session_at_real_pages(tmp_path: Path, page_folder: Path) -> None:
     """O-41, HRI-02: one participant drives by keys, then by the pad, marks on the map, and fills in
     all forms."""

@@ -101,6 +101,7 @@ async def test_thirty_who_insist_get_the_share_and_no_more() -> None:
     assert 0.9 * 10 * SHARE < used <= 10 * SHARE + BURST + 0.002
 
 
+@pytest.mark.slow
 async def test_who_asks_little_waits_for_one_turn_of_the_others_and_not_for_all() -> None:
     """Ten requests a second beside thirty clients that insist: each is served within the time that
     pays for two turns, where a queue would take that of thirty."""

@@ -59,6 +59,7 @@ class TestVerdict:
         text = (planted / "report.md").read_text()
         assert "more with Gamepad than with Keyboard" in text
 
+    @pytest.mark.slow
     def test_null(self, tmp_path: Path) -> None:
         """Without an effect neither the primary nor, after Holm, any secondary outcome differs."""
         found = analyse(collect(make_study(tmp_path, Plan(20, seed=3))))
@@ -163,6 +164,7 @@ class TestContents:
 class TestDesigns:
     """Other studies than two conditions within participants."""
 
+    @pytest.mark.slow
     def test_three_conditions(self, tmp_path: Path) -> None:
         """Friedman's test, then pairs corrected by Holm."""
         found = analyse(collect(make_study(tmp_path, Plan(12, effect=2.0), THREE)))

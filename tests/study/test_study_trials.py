@@ -246,6 +246,7 @@ def test_a_session_that_is_cut_off_everywhere(tmp_path: Path) -> None:
     private(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_trial_waits_until_its_operator_is_ready(tmp_path: Path) -> None:
     """A page that says `ready` sees robots and first pictures of a world that stands, and nothing
     it drives counts; a trial that waits in vain is begun by the experimenter."""
