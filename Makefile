@@ -10,7 +10,7 @@ SECONDS ?= 60
 # Servers and tests start Python hundreds of times: no use in compiling all modules each time.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: console run test test-all fuzz lint format types bench fidelity worlds missions page package clean help
+.PHONY: console run test test-all planted fuzz lint format types bench fidelity worlds missions page package clean help
 
 help:            ## show this list
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
@@ -27,6 +27,9 @@ test: $(VENV)/ready-dev   ## run the tests, but for the slow ones
 
 test-all:        ## run the slow tests too
 	@$(MAKE) --no-print-directory test ARGS="--lane all $(ARGS)"
+
+planted: $(VENV)/ready-dev ## plant faults in copies of the server: does the kit notice? (ARGS="'sensors.gps*'")
+	$(BIN)/python tests/conformance/try_planted.py $(ARGS)
 
 fuzz: $(VENV)/ready-fuzz  ## look for bytes that no reader can stand (SECONDS=60 for each)
 	$(BIN)/python tests/fuzz/run.py --seconds $(SECONDS) $(ARGS)

@@ -7,13 +7,13 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import planted
 import pytest
+from mutants.fault_proxy import Link
+from mutants.wire_faults import WireFault, all_wire_faults
+from mutants.wire_trial import try_wire_faults
 
-from usarsim_conformance import planted
 from usarsim_conformance.clock import STANDS_STILL
-from usarsim_conformance.mutants.fault_proxy import Link
-from usarsim_conformance.mutants.wire_faults import WireFault, all_wire_faults
-from usarsim_conformance.mutants.wire_trial import try_wire_faults
 from usarsim_conformance.own_server import OwnServer
 from usarsim_conformance.registry import Result, Severity, Verdict, all_checks
 

@@ -11,9 +11,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from mutants.fault_proxy import proxied
+from mutants.wire_faults import all_wire_faults
 
-from usarsim_conformance.mutants.fault_proxy import proxied
-from usarsim_conformance.mutants.wire_faults import all_wire_faults
 from usarsim_conformance.own_server import OwnServer
 from usarsim_conformance.registry import Verdict, all_checks, select
 from usarsim_conformance.runner import judge_all

@@ -6,15 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from planted import Fault, all_faults, read_faults
+from planted.faults import Edit
+from planted.trial import PlantError, as_table, edited, edited_copy, try_faults
 
-from usarsim_conformance.planted import Fault, all_faults, read_faults
-from usarsim_conformance.planted.faults import Edit
-from usarsim_conformance.planted.trial import PlantError, as_table, edited, edited_copy, try_faults
 from usarsim_conformance.registry import all_checks
 
 _FAULTS = {fault.name: fault for fault in all_faults()}
 _SAMPLE = "sensors.odometry.x-sign"
-"""Tried for real here; `usarsim conformance --planted` tries all."""
+"""Tried for real here; `make planted` tries all."""
 
 
 @pytest.mark.parametrize("fault", _FAULTS.values(), ids=_FAULTS.keys())

@@ -8,14 +8,11 @@ import contextlib
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
-from operator import attrgetter
 from pathlib import Path
 
 from usarsim_conformance.own_server import OwnServer, StartError, judge_classes, robot_classes
 from usarsim_conformance.own_server import as_table as as_class_table
 from usarsim_conformance.places import place_from
-from usarsim_conformance.planted import all_faults
-from usarsim_conformance.planted.trial import Outcome, as_table, try_faults
 from usarsim_conformance.registry import DIALECTS, Check, Failed, all_checks, select
 from usarsim_conformance.report import Report, as_json, from_json
 from usarsim_conformance.reports import (
@@ -99,13 +96,6 @@ def add_parser(subparsers: Subparsers) -> None:
         default="1",
         help="simulated seconds per second of our own server (default 1)",
     )
-    parser.add_argument(
-        "--planted",
-        metavar="PATTERN",
-        nargs="?",
-        const="*",
-        help="plant faults in our own server, and see whether the checks notice",
-    )
     kinds = parser.add_subparsers(metavar="compare")
     comparison = add_command(
         kinds, "compare", "put reports of several servers side by side", _compare
@@ -120,8 +110,6 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         UsarsimError: if the server cannot be reached, or nothing fits the pattern.
     """
-    if arguments.planted is not None:
-        return _plant(arguments.planted, arguments.list)
     checks = select(all_checks(), arguments.only)
     if not checks:
         raise UsarsimError(
@@ -149,32 +137,6 @@ def run(arguments: argparse.Namespace) -> int:
         _write(arguments.report, report)
         teller.say(f"written: {arguments.report}/report.html, report.json, report.xml")
     return 0 if report.conforms else 1
-
-
-def _plant(pattern: str, list_only: bool) -> int:
-    """Plant faults, print what noticed them; 1 if one was not noticed.
-
-    Raises:
-        UsarsimError: if nothing fits the pattern.
-    """
-    faults = select(all_faults(), pattern, attrgetter("name"))
-    if not faults:
-        cure = "see usarsim conformance --planted --list"
-        raise UsarsimError(at("--planted", f"no fault fits {pattern!r}", cure))
-    if list_only:
-        width = max(len(fault.name) for fault in faults)
-        for fault in faults:
-            print(f"{fault.name:{width}}  {fault.robot}  {', '.join(fault.notices)}")
-        print(f"{len(faults)} faults")
-        return 0
-    teller = ProgressPrinter(sys.stderr)
-
-    def tell(outcome: Outcome) -> None:
-        teller.say(f"{'' if outcome.good else 'WRONG  '}{outcome.name}")
-
-    outcomes = try_faults(faults, tell=tell)
-    print(as_table(outcomes))
-    return 0 if all(outcome.good for outcome in outcomes) else 1
 
 
 def _classes(text: str) -> list[str]:

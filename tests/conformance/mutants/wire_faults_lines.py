@@ -7,8 +7,8 @@ import re
 from collections.abc import Callable
 from typing import Any
 
-from usarsim_conformance.mutants.fault_proxy import Link
-from usarsim_conformance.mutants.wire_faults import (
+from mutants.fault_proxy import Link
+from mutants.wire_faults import (
     DiesOfHangup,
     FewClients,
     FirstForEver,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
-from usarsim_conformance.mutants.fault_proxy import Link
-from usarsim_conformance.mutants.wire_faults import deaf, heard, said, wire_fault
+from mutants.fault_proxy import Link
+from mutants.wire_faults import deaf, heard, said, wire_fault
 
 UDK = "udk"
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
-from usarsim_conformance.mutants.fault_proxy import Link, LinkKind, Proxy
+from mutants.fault_proxy import Link, LinkKind, Proxy
 
 Kind = TypeVar("Kind", bound=type[Link])
 Found = re.Match[bytes]
@@ -38,7 +38,7 @@ _FAULTS: dict[str, WireFault] = {}
 
 def all_wire_faults() -> Mapping[str, WireFault]:
     """Every fault of the files `wire_faults_*.py` beside this one, by name."""
-    import usarsim_conformance.mutants as package
+    import mutants as package
 
     for entry in pkgutil.iter_modules(package.__path__):
         if entry.name.startswith("wire_faults_"):

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from usarsim_conformance.mutants.fault_proxy import Link
-from usarsim_conformance.mutants.wire_faults import (
+from mutants.fault_proxy import Link
+from mutants.wire_faults import (
     FewClients,
     Greets,
     NoHalves,

@@ -17,8 +17,8 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
+from planted.faults import Edit, Fault
 from usarsim_conformance.own_server import OwnServer, StartError
-from usarsim_conformance.planted.faults import Edit, Fault
 from usarsim_conformance.registry import Failed, Result, Verdict, all_checks
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.survey import Target

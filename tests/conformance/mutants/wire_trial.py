@@ -7,10 +7,10 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from mutants.fault_proxy import proxied
+from mutants.wire_faults import WireFault
 from usarsim_conformance.case import Run
 from usarsim_conformance.clock import SimulatedClock
-from usarsim_conformance.mutants.fault_proxy import proxied
-from usarsim_conformance.mutants.wire_faults import WireFault
 from usarsim_conformance.places import Places
 from usarsim_conformance.registry import Result, all_checks
 from usarsim_conformance.runner import ROBOTS, judge

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import re
 
-from usarsim_conformance.mutants.fault_proxy import Link
-from usarsim_conformance.mutants.wire_faults import (
+from mutants.fault_proxy import Link
+from mutants.wire_faults import (
     Found,
     axis,
     heard,

@@ -1,8 +1,8 @@
 """Faults planted in our own server, one at a time, and whether the kit notices them.
 
-    usarsim conformance --planted                    # all of them, as many at a time as processors
-    usarsim conformance --planted 'sensors.gps.*'    # by name, as --only does for checks
-    usarsim conformance --planted gps --list         # what there is
+    make planted                                    # all of them, one for each processor at a time
+    make planted ARGS="'sensors.gps.*'"             # by name, as --only does for checks
+    make planted ARGS=--list                        # what there is
 
 A fault is one edit of one file of the server: a field, a scale or a sign. A copy of the server with
 that edit is started as a process of its own, runs as fast as the machine goes, and is judged by
@@ -28,6 +28,6 @@ around a fault. Robot and world files (`robots/P2AT.toml`, `worlds/empty/world.t
 as well. These files look like differences, so that editors colour them; `patch` cannot read them.
 """
 
-from usarsim_conformance.planted.faults import Fault, all_faults, read_faults
+from planted.faults import Fault, all_faults, read_faults
 
 __all__ = ["Fault", "all_faults", "read_faults"]
