@@ -43,11 +43,11 @@ format: $(VENV)/ready-dev ## format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(VENV)/ready-dev  ## measure speed, latency and memory
-	$(BIN)/usarsim bench $(ARGS)
+bench: $(VENV)/ready-dev  ## measure speed, latency and memory (ARGS=quick, hostile, peers, ...)
+	$(BIN)/python -m benchmarks $(ARGS)
 
 fidelity: $(VENV)/ready-dev ## run the physics acceptance tests and print their table
-	$(BIN)/usarsim bench fidelity $(ARGS)
+	$(BIN)/python tests/fidelity/try_motion.py $(ARGS)
 
 worlds: $(VENV)/ready-dev ## build the shipped worlds again from their generators
 	$(BIN)/python -m usarsim_worldgen

@@ -30,7 +30,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
 DEAR = (
     *("test_fidelity_trials.py", "test_conformance_faults.py", "test_e2e_lockstep.py"),
-    *("test_bench_end_to_end.py", "test_operator_gateway.py", "test_bench_linehash.py"),
+    *("test_benchmarks.py", "test_operator_gateway.py", "test_golden_lines.py"),
     *("test_conformance_own_server.py", "test_mission_replay.py", "test_e2e_process.py"),
     *("test_operator_lockstep.py", "test_robots_all_of_them.py", "test_e2e_garage.py"),
     *("test_e2e_images.py", "test_e2e_limits.py", "test_conformance_planted.py"),
@@ -41,7 +41,7 @@ DEAR = (
     *("test_study_crowd.py", "test_mission_match.py", "test_mission_batch.py"),
     *("test_maps_outside.py", "test_e2e_checks_protocol.py", "test_e2e_bad_input.py"),
     *("test_e2e_hostile.py", "test_study_file.py", "test_mission_growth.py"),
-    *("test_study_session.py", "test_bench_hostile.py", "test_operator_scenarios.py"),
+    *("test_study_session.py", "test_operator_scenarios.py"),
 )
 """Files that take most of the processor, dearest first: none may be left for the end."""
 

@@ -8,8 +8,8 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
+from linehash import Stored
 
-from usarsim_bench.linehash import Stored
 from usarsim_bench.server import BenchError
 from usarsim_conformance.command import _read as read_report
 from usarsim_conformance.report import Report, as_json

@@ -13,8 +13,8 @@ from dataclasses import fields
 from pathlib import Path
 
 import pytest
+from hostile.attackers import ATTACKS
 
-from usarsim_bench.hostile.attackers import ATTACKS
 from usarsim_operator.gate import LOG_RATE, GateLimits
 from usarsim_server.base import logs
 from usarsim_server.cameras.view import Grid

@@ -1,4 +1,4 @@
-"""Servers that only pretend, for tests of the clients, and figures that are made up."""
+"""Servers that only pretend, for tests of the clients."""
 
 from __future__ import annotations
 
@@ -7,12 +7,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
-from types import ModuleType
 
-from usarsim_bench.camera_client import Picture
-from usarsim_bench.figures import Figure, Section
-from usarsim_bench.server import Load, Usage
-from usarsim_bench.team import TeamTrial
 from usarsim_client import Closing
 from usarsim_server.testing import eventually
 
@@ -98,48 +93,3 @@ class FakeServer(Closing):
             self._listening.shutdown(socket.SHUT_RDWR)
         self._listening.close()
         self.hang_up()
-
-
-class StandIn:
-    """Something that says how much memory it uses: more each time."""
-
-    def __init__(self) -> None:
-        self.looks = 0
-
-    def usage(self) -> Usage:
-        """A look."""
-        self.looks += 1
-        return Usage(float(self.looks), 0.0, 1000 * self.looks, 5, 9, 0.0, 0.0)
-
-
-Tried = list[tuple[int, float]]
-"""Sizes of teams that were tried, and for how long."""
-Pretend = Callable[[ModuleType, str, dict[int, float]], Tried]
-"""See the fixture `pretend`."""
-
-
-def a_trial(robots: int, factor: float, worst: float = 0.9, cores: float = 0.5) -> TeamTrial:
-    """A trial of 2 s, from 10 to 12, with a factor and no matter what else."""
-    return TeamTrial(robots, factor, worst, Load(cores, 0.1, 0.2), 100.0, 1e4, 2**20, 10.0, 12.0)
-
-
-def by_name(figures: Section | list[Figure]) -> dict[str, Figure]:
-    """Figures by name."""
-    return {one.name: one for one in (figures.figures if isinstance(figures, Section) else figures)}
-
-
-class Nobody(StandIn, Closing):
-    """Stands for a server, for its crowd and for a viewer of its pictures."""
-
-    port = 0
-    pictures = tuple(Picture(0.1 * n, 0.1 * n + 0.01, 100, n) for n in range(100, 130))
-
-    def __init__(self, *given: object) -> None:
-        super().__init__()
-
-    def port_of(self, service: str) -> int:
-        """No port."""
-        return 0
-
-    def close(self) -> None:
-        """Nothing to end."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import subprocess
 import sys
@@ -13,7 +12,7 @@ import psutil
 import pytest
 
 from usarsim_bench.figures import describe_machine
-from usarsim_bench.server import BenchError, Usage, busy_seconds, load_between, run_apart, usage
+from usarsim_bench.server import BenchError, Usage, busy_seconds, load_between, usage
 
 
 def look(wall: float, cpu: float, own: float, busy: float) -> Usage:
@@ -109,20 +108,6 @@ class TestLoad:
         """No time, no load."""
         with pytest.raises(ValueError, match="two moments"):
             load_between(look(1.0, 0.0, 0.0, 0.0), look(1.0, 1.0, 0.0, 0.0))
-
-
-class TestApart:
-    def test_what_a_function_returns(self) -> None:
-        """It is found by its name, and gets what it is given, in another process."""
-        assert run_apart(os.getpid) != os.getpid()
-        assert run_apart(divmod, 17, 5) == (3, 2)
-
-    def test_a_failure_is_told(self) -> None:
-        """The error ends with what the process said, or with its patience."""
-        with pytest.raises(BenchError, match=r"(?s)math failed: .*math domain error$"):
-            run_apart(math.sqrt, -1.0)
-        with pytest.raises(BenchError, match=r"time took more than 0\.5 s"):
-            run_apart(time.sleep, 600.0, patience=0.5)
 
 
 class TestMachine:

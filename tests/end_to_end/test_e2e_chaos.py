@@ -301,8 +301,7 @@ class TestEvents:
 
 STAMPS = {
     "usarsim_server/radio/event_log.py",
-    "usarsim_bench/peers/comparing.py",
-    "usarsim_bench/suite.py",
+    "usarsim_bench/command.py",
     "usarsim_conformance/runner.py",
     "usarsim_doctor/command.py",
     "usarsim_record/recording.py",

@@ -22,8 +22,8 @@ from itertools import pairwise
 
 import psutil
 import pytest
+from hostile.attackers import Attackers
 
-from usarsim_bench.hostile.attackers import Attackers
 from usarsim_server.testing import ScriptedClient, ServerProcess
 from usarsim_server.testing.sharing import shipped_robots
 

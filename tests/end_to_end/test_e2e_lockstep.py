@@ -276,7 +276,7 @@ def test_no_report_is_lost(speed: str, complete: list[Counter[str]]) -> None:
 
 
 REPEATED = sorted(path.stem for path in data_directory("robots").glob("*.toml"))[1::3]
-"""Classes of all kinds; `test_bench_linehash` holds every class to what another process said."""
+"""Classes of all kinds; `test_golden_lines` holds every class to what another process said."""
 TOGETHER = 12
 """Classes in one world."""
 REPEATS_SECONDS = 1.0

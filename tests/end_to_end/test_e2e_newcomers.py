@@ -14,9 +14,9 @@ from pathlib import Path
 
 import psutil
 import pytest
+from hostile.newcomers import QUESTIONS
 from lanes import slow_but
 
-from usarsim_bench.hostile.newcomers import QUESTIONS
 from usarsim_server.testing import PATIENCE, ServerProcess
 
 LIMITS = Path(__file__).parents[2] / "docs" / "limits.md"

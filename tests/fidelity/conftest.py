@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-
-from usarsim_bench.fidelity.workshop import Workshop
+from motion.workshop import Workshop
 
 
 @pytest.fixture(scope="session")

@@ -7,12 +7,12 @@ import math
 from pathlib import Path
 
 import pytest
+from motion import theory, worlds
+from motion.manoeuvres import rest, watch_straight
+from motion.stage import StageError, turned, yaw_of
+from motion.terrain import creep, cross
+from motion.workshop import VARIANTS, Workshop
 
-from usarsim_bench.fidelity import theory, worlds
-from usarsim_bench.fidelity.manoeuvres import rest, watch_straight
-from usarsim_bench.fidelity.stage import StageError, turned, yaw_of
-from usarsim_bench.fidelity.terrain import creep, cross
-from usarsim_bench.fidelity.workshop import VARIANTS, Workshop
 from usarsim_doctor.test_drive import tilt
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.worlds.loader import load_world

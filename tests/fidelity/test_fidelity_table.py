@@ -8,13 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from motion import fidelity
+from motion.fidelity import TIMESTEPS, main, run_trials
+from motion.results import ANY, Band, Result, as_json, as_markdown, as_table
+from motion.stage import StageError
+from motion.table import TRIALS, Quantity, Trial
+from motion.workshop import Workshop
 
-from usarsim_bench.fidelity import fidelity
-from usarsim_bench.fidelity.fidelity import TIMESTEPS, main, run_trials
-from usarsim_bench.fidelity.results import ANY, Band, Result, as_json, as_markdown, as_table
-from usarsim_bench.fidelity.stage import StageError
-from usarsim_bench.fidelity.table import TRIALS, Quantity, Trial
-from usarsim_bench.fidelity.workshop import Workshop
 from usarsim_server.base.errors import UsarsimError
 
 

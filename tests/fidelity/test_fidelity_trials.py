@@ -8,13 +8,12 @@ from dataclasses import replace
 
 import pytest
 from lanes import SLOW
-
-from usarsim_bench.fidelity import theory, worlds
-from usarsim_bench.fidelity.fidelity import TIMESTEPS
-from usarsim_bench.fidelity.manoeuvres import circle, ideal_radius, turn_in_place
-from usarsim_bench.fidelity.stage import Stage, turned, yaw_of
-from usarsim_bench.fidelity.table import TRIALS, Trial
-from usarsim_bench.fidelity.terrain import (
+from motion import theory, worlds
+from motion.fidelity import TIMESTEPS
+from motion.manoeuvres import circle, ideal_radius, turn_in_place
+from motion.stage import Stage, turned, yaw_of
+from motion.table import TRIALS, Trial
+from motion.terrain import (
     LANE,
     PUSHING,
     RUN,
@@ -26,7 +25,7 @@ from usarsim_bench.fidelity.terrain import (
     posture,
     spin,
 )
-from usarsim_bench.fidelity.workshop import Workshop
+from motion.workshop import Workshop
 
 STEP = 0.004
 CLIMBERS = TRACKED[:4]

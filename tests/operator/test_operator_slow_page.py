@@ -9,7 +9,7 @@ from typing import Any
 
 from console_harness import gateway
 
-from usarsim_bench.console.programs import SLOW_RATE, RawPage
+from benchmarks.console.programs import SLOW_RATE, RawPage
 from usarsim_operator.roles import Role
 from usarsim_server.testing import PATIENCE, running_server
 

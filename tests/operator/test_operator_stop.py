@@ -15,7 +15,7 @@ pytest.importorskip("aiohttp")
 from console_browser import Wire, until
 from console_harness import gateway
 
-from usarsim_bench.console.programs import RawPage, driving, hostile_page
+from benchmarks.console.programs import RawPage, driving, hostile_page
 from usarsim_operator.pages import Page
 from usarsim_operator.requests import Desk
 from usarsim_operator.roles import Role

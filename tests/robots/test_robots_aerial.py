@@ -362,7 +362,7 @@ def test_a_dead_battery_drops_it(hire: Hire) -> None:
 
 def test_it_leaves_a_wall_when_told_to(tmp_path: Path) -> None:
     """AirRobot flown into a wall stays outside of it, and comes away at once (robots 45)."""
-    from usarsim_bench.fidelity import worlds
+    from motion import worlds
 
     folder = worlds.write_world(tmp_path, worlds.wall())
     with Rehearsal(world=str(folder)) as own:

@@ -1,4 +1,4 @@
-"""Image clients for measurements: each asks for pictures at its own pace, in its own thread."""
+"""Clients that ask a service again and again, each in a thread of its own; those of pictures."""
 
 from __future__ import annotations
 
@@ -11,11 +11,66 @@ from statistics import median
 from zlib import crc32
 
 from usarsim_bench.figures import p99
-from usarsim_bench.server import Asking, BenchError
-from usarsim_client import FULL_FRAME, pictures
+from usarsim_bench.server import BenchError, CarefulClosing
+from usarsim_client import FULL_FRAME, BlockingConnection, ProtocolError, pictures
 
 _PATIENCE = 30.0
 """s of wall time for the first picture."""
+
+
+_ANSWER_TIMEOUT = 60.0
+"""s of wall time: to open a renderer takes long on a machine that does much else."""
+
+
+class Asking(CarefulClosing):
+    """Asks a service again and again, on a thread of its own, while it is open.
+
+    A subclass says by `ask` what it asks for; it is asked at once, so what that needs has to be
+    there before `__init__` of this class is called.
+    """
+
+    def __init__(self, port: int, service: str, period: float) -> None:
+        """Connect to a service, named for people; a round that takes more s than the period from
+        one to the next is followed at once.
+
+        Raises:
+            BenchError: if nobody listens.
+        """
+        self._service, self._period = service, period
+        self._failure: Exception | None = None
+        self._stop = threading.Event()
+        try:
+            self._connection = BlockingConnection(port, patience=_ANSWER_TIMEOUT)
+        except OSError as error:
+            raise BenchError(f"nobody listens for {service}: {error.strerror}") from None
+        self._thread = threading.Thread(target=self._run, name="asking", daemon=True)
+        self._thread.start()
+
+    def ask(self) -> None:
+        """Do one round; `OSError`, `ValueError` or `ProtocolError` if the answer is none."""
+        raise NotImplementedError
+
+    def _run(self) -> None:
+        due = time.perf_counter()
+        try:
+            while not self._stop.wait(max(0.0, due - time.perf_counter())):
+                self.ask()
+                # A client that was held up does not ask in bursts.
+                due = max(due + self._period, time.perf_counter())
+        except (OSError, ValueError, ProtocolError) as error:
+            self._failure = error
+
+    def close(self) -> None:
+        """Stop asking and hang up, once the last answer is there; a second call does nothing.
+
+        Raises:
+            BenchError: if the server failed this client at any time.
+        """
+        self._stop.set()
+        self._thread.join(_ANSWER_TIMEOUT)
+        self._connection.close()
+        if self._failure is not None:
+            raise BenchError(f"a client of {self._service} was failed: {self._failure}")
 
 
 @dataclass(frozen=True, slots=True)

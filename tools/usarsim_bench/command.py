@@ -1,98 +1,93 @@
-"""`usarsim bench`: measure speed, latency and memory, or how truly the robots move."""
+"""`usarsim bench`: how many robots, cameras and INITs this machine holds."""
 
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import sys
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 
-from usarsim_bench.console import ITEMS
-from usarsim_bench.figures import Plan, Report
-from usarsim_bench.hostile.attackers import ATTACKS
+from usarsim_bench.capacity import measure_cameras, measure_inits, measure_robots
+from usarsim_bench.figures import Plan, Report, Section, describe_machine
 from usarsim_bench.report import as_json, as_markdown, as_text
 from usarsim_bench.server import BenchError
-from usarsim_bench.suite import ALL, LONG, MEASUREMENTS, QUICK, QUICK_SECONDS, take
 from usarsim_server import __version__
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cli.common import Subparsers, add_command, written
 
+MEASUREMENTS: dict[str, Callable[[Plan], Section]] = {
+    "robots": measure_robots,
+    "cameras": measure_cameras,
+    "inits": measure_inits,
+}
 _EPILOG = (
-    "Measurements start servers of their own, on free ports, and take the clients' side "
-    "themselves. Let nothing else run meanwhile: what other programs used is part of the report. "
-    "Options may stand before or after the measurement."
+    "Each measurement starts servers of its own, on free ports, and takes the clients' side "
+    "itself. Let nothing else run meanwhile. All three take some four minutes."
 )
-_PEERS = "the same work done by other simulators"
-_PEERS_EPILOG = (
-    "Each of them is installed by pip into an environment of its own, which needs the network. "
-    "What cannot be installed here is left out, and the report says why."
-)
-ATTACKED = "hostile"
-"""The measurement that tries many attacks."""
-CONSOLE = "console"
-"""The measurement of many checks of the operator console."""
-HOURS = ("soak",)
-"""What is told its length in minutes."""
-_MOST_ROBOTS = 256
-_MOST_SECONDS = 600.0
-_MOST_MINUTES = 10000.0
 
 
 def add_parser(subparsers: Subparsers) -> None:
-    """Add `bench` with a subcommand for each measurement."""
+    """Add `bench`."""
     parser = add_command(
-        subparsers, "bench", "measure speed, latency and memory", run, epilog=_EPILOG
+        subparsers,
+        "bench",
+        "how many robots, cameras and INITs this machine holds",
+        run,
+        epilog=_EPILOG,
     )
-    _add_options(parser)
-    kinds = parser.add_subparsers(title="measurements", metavar="MEASUREMENT")
-    _add_measurement(
-        kinds,
-        "all",
-        f"all of the following but {', '.join(LONG)}, peers and fidelity, some 50 minutes (the "
-        "default)",
+    parser.add_argument(
+        "measurements",
+        metavar="MEASUREMENT",
+        nargs="*",
+        help=f"{', '.join(MEASUREMENTS)} (default: all)",
     )
-    _add_measurement(
-        kinds, "quick", f"the same but for largest, {QUICK_SECONDS:g} s each, some 6 minutes"
+    parser.add_argument(
+        "--robots", metavar="N", type=between(1, 256), help="only this size (default: several)"
     )
-    for name, (_, help_text) in MEASUREMENTS.items():
-        _add_measurement(kinds, name, help_text)
-    # No part of the wheel: only a checkout has the programs for other simulators.
-    if importlib.util.find_spec("usarsim_bench.peers") is not None:
-        _add_peers(kinds)
-    # Without a prefix that could mark an option everything behind `fidelity` is taken as it is.
-    fidelity = kinds.add_parser(
-        "fidelity", help="the robots' motion against theory", add_help=False, prefix_chars="\0"
+    parser.add_argument(
+        "--seconds",
+        metavar="S",
+        type=between(0.5, 600),
+        help="wall time of each size (default 10)",
     )
-    fidelity.add_argument("arguments", nargs="*")
-    fidelity.set_defaults(run=_run_fidelity)
+    parser.add_argument(
+        "--world", metavar="NAME|PATH", default="arena", help="world to measure in (default arena)"
+    )
+    parser.add_argument("--json", metavar="FILE", type=Path, help="write the report as JSON too")
+    parser.add_argument("--markdown", metavar="FILE", type=Path, help="and as Markdown")
+
+
+def between(least: float, most: float) -> Callable[[str], float]:
+    """A reader of numbers from one to another; whole ones where the least is whole."""
+
+    def read(text: str) -> float:
+        number = int(text) if isinstance(least, int) else float(text)
+        if not least <= number <= most:
+            raise argparse.ArgumentTypeError(f"must be from {least:g} to {most:g}")
+        return number
+
+    return read
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, print the report and write it to the files asked for.
 
     Raises:
-        UsarsimError: if a measurement cannot be taken or a file cannot be written.
+        UsarsimError: if a name is unknown, a measurement cannot be taken or a file not be written.
     """
-    name = getattr(arguments, "measurement", "all")
-    brief = name == "quick" or getattr(arguments, "quick", False)
-    plan = Plan(
-        robots=getattr(arguments, "robots", None),
-        seconds=getattr(arguments, "seconds", QUICK_SECONDS if name == "quick" else None),
-        world=getattr(arguments, "world", "arena"),
-        say=_say,
-        brief=brief,
-        only=tuple(getattr(arguments, "only", ())),
-    )
-    names = {"all": ALL, "quick": QUICK}.get(name, (name,))
-    report = take(names, plan, __version__)
-    return _hand_out(report, arguments)
-
-
-def _hand_out(report: Report, arguments: argparse.Namespace) -> int:
+    names = arguments.measurements or list(MEASUREMENTS)
+    if unknown := [name for name in names if name not in MEASUREMENTS]:
+        raise UsarsimError(
+            f"no measurement {unknown[0]!r} (known: {', '.join(MEASUREMENTS)}; measurements for "
+            "developers: make bench, in a checkout)"
+        )
+    plan = Plan(arguments.robots, arguments.seconds, arguments.world, say=_say)
+    machine, now = describe_machine(__version__), datetime.now(UTC)
+    report = Report(machine, now, tuple(_take(name, plan) for name in names))
     print(as_text(report))
     for name, form in (("json", as_json), ("markdown", as_markdown)):
-        if (file := getattr(arguments, name, None)) is not None:
+        if (file := getattr(arguments, name)) is not None:
             with written(file) as page:
                 page.write(form(report).encode())
     if report.failed:
@@ -100,126 +95,12 @@ def _hand_out(report: Report, arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _add_measurement(kinds: Subparsers, name: str, help_text: str) -> None:
-    parser = add_command(kinds, name, help_text, run)
-    _add_options(parser)
-    if name == ATTACKED:
-        parser.add_argument(
-            "--attack",
-            dest="only",
-            metavar="NAME",
-            nargs="+",
-            choices=sorted(ATTACKS),
-            default=argparse.SUPPRESS,
-            help=f"try only these: {', '.join(ATTACKS)}",
-        )
-    if name == CONSOLE:
-        listed = ", ".join(f"{key} ({what})" for key, what in ITEMS.items())
-        parser.add_argument(
-            "only",
-            metavar="ITEM",
-            nargs="*",
-            type=_item,
-            default=argparse.SUPPRESS,
-            help=f"measure only these: {listed}",
-        )
-        parser.add_argument(
-            "--quick", action="store_true", help="everything briefly, some 6 minutes instead of 30"
-        )
-    if name in HOURS:
-        parser.add_argument(
-            "--minutes",
-            metavar="M",
-            dest="seconds",
-            type=_above_zero(_MOST_MINUTES, 60.0),
-            default=argparse.SUPPRESS,
-            help="length of the measurement (default: 60)",
-        )
-    parser.set_defaults(measurement=name)
-
-
-def _add_peers(kinds: Subparsers) -> None:
-    parser = add_command(kinds, "peers", _PEERS, _run_peers, epilog=_PEERS_EPILOG)
-    _add_options(parser, world=False)
-    parser.add_argument(
-        "--only", metavar="NAME", action="append", help="compare with this one; may be repeated"
-    )
-    parser.add_argument(
-        "--keep",
-        metavar="DIR",
-        type=Path,
-        help="keep their environments there and use them again (default: thrown away)",
-    )
-
-
-def _run_peers(arguments: argparse.Namespace) -> int:
-    from usarsim_bench.peers import comparing
-
-    if hasattr(arguments, "world"):
-        raise UsarsimError("--world: all simulators get the same hall (leave the option out)")
-    plan = Plan(
-        robots=getattr(arguments, "robots", None),
-        seconds=getattr(arguments, "seconds", None),
-        say=_say,
-    )
+def _take(name: str, plan: Plan) -> Section:
     try:
-        only = tuple(arguments.only or ())
-        report = comparing.compare(plan, __version__, only, arguments.keep)
+        return MEASUREMENTS[name](plan)
     except BenchError as error:
-        raise UsarsimError(str(error)) from error
-    return _hand_out(report, arguments)
-
-
-def _add_options(parser: argparse.ArgumentParser, world: bool = True) -> None:
-    # No defaults here: those of a subparser would replace what stood before its name.
-    def add(flag: str, metavar: str, kind: Callable[[str], object], help_text: str) -> None:
-        parser.add_argument(
-            flag, metavar=metavar, type=kind, default=argparse.SUPPRESS, help=help_text
-        )
-
-    add("--robots", "N", _robots, f"size of the team, 1 to {_MOST_ROBOTS} (default: its own)")
-    add(
-        "--seconds",
-        "S",
-        _above_zero(_MOST_SECONDS),
-        "length of each measurement (default: its own)",
-    )
-    if world:
-        add("--world", "NAME|PATH", str, "world to measure in (default arena)")
-    add("--json", "FILE", Path, "write the report as JSON too")
-    add("--markdown", "FILE", Path, "write the report as Markdown too")
-
-
-def _run_fidelity(arguments: argparse.Namespace) -> int:
-    from usarsim_bench.fidelity import fidelity
-
-    return fidelity.main(arguments.arguments)
+        return Section(name, name.capitalize(), "", (), str(error))
 
 
 def _say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
-
-
-def _item(text: str) -> str:
-    if text.lower() not in ITEMS:
-        raise argparse.ArgumentTypeError(f"no item {text} (choose from {', '.join(ITEMS)})")
-    return text.lower()
-
-
-def _robots(text: str) -> int:
-    number = int(text)
-    if not 1 <= number <= _MOST_ROBOTS:
-        raise argparse.ArgumentTypeError(f"must be from 1 to {_MOST_ROBOTS}, not {number}")
-    return number
-
-
-def _above_zero(most: float, unit: float = 1.0) -> Callable[[str], float]:
-    """What reads a number of units, s each, that is at most so much; returns s."""
-
-    def read(text: str) -> float:
-        number = float(text)
-        if not 0.0 < number <= most:
-            raise argparse.ArgumentTypeError(f"must be above 0 and at most {most:g}")
-        return unit * number
-
-    return read

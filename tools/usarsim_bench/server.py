@@ -1,25 +1,21 @@
 """A server in a process of its own, known only by its ports and by what it uses of the machine.
 
-Beside that what all measurements share: the one error of this package, processor time and memory of
-a process, and measuring in a process that does nothing else.
+Beside that what all measurements share: the one error of this package, and the processor time and
+memory of a process.
 """
 
 from __future__ import annotations
 
-import functools
-import pickle
 import re
 import subprocess
 import tempfile
-import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import psutil
 
-from usarsim_client import BlockingConnection, Closing, ProtocolError
+from usarsim_client import Closing
 from usarsim_server.base.children import python
 
 
@@ -37,57 +33,6 @@ class CarefulClosing(Closing):
             # What went wrong first says more.
             if not any(raised):
                 raise
-
-
-class Asking(CarefulClosing):
-    """Asks a service again and again, on a thread of its own, while it is open.
-
-    A subclass says by `ask` what it asks for; it is asked at once, so what that needs has to be
-    there before `__init__` of this class is called.
-    """
-
-    def __init__(self, port: int, service: str, period: float) -> None:
-        """Connect to a service, named for people; a round that takes more s than the period from
-        one to the next is followed at once.
-
-        Raises:
-            BenchError: if nobody listens.
-        """
-        self._service, self._period = service, period
-        self._failure: Exception | None = None
-        self._stop = threading.Event()
-        try:
-            self._connection = BlockingConnection(port, patience=_ANSWER_TIMEOUT)
-        except OSError as error:
-            raise BenchError(f"nobody listens for {service}: {error.strerror}") from None
-        self._thread = threading.Thread(target=self._run, name="asking", daemon=True)
-        self._thread.start()
-
-    def ask(self) -> None:
-        """Do one round; `OSError`, `ValueError` or `ProtocolError` if the answer is none."""
-        raise NotImplementedError
-
-    def _run(self) -> None:
-        due = time.perf_counter()
-        try:
-            while not self._stop.wait(max(0.0, due - time.perf_counter())):
-                self.ask()
-                # A client that was held up does not ask in bursts.
-                due = max(due + self._period, time.perf_counter())
-        except (OSError, ValueError, ProtocolError) as error:
-            self._failure = error
-
-    def close(self) -> None:
-        """Stop asking and hang up, once the last answer is there; a second call does nothing.
-
-        Raises:
-            BenchError: if the server failed this client at any time.
-        """
-        self._stop.set()
-        self._thread.join(_ANSWER_TIMEOUT)
-        self._connection.close()
-        if self._failure is not None:
-            raise BenchError(f"a client of {self._service} was failed: {self._failure}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,8 +117,6 @@ SERVE = ("usarsim_server.cli", "serve")
 
 _SIDE_CHANNELS = ("image", "groundtruth", "wireless", "truth")
 _STOP_TIMEOUT = 10.0
-_ANSWER_TIMEOUT = 60.0
-"""s of wall time: to open a renderer takes long on a machine that does much else."""
 _SHOWN_ERRORS = 2000
 
 
@@ -282,53 +225,3 @@ class Server(Program):
         if service not in self.ports:
             raise BenchError(f"the server has no {service}")
         return self.ports[service]
-
-
-Found = TypeVar("Found")
-_APART = (
-    "import pickle, sys; measure, given = pickle.load(sys.stdin.buffer); "
-    "sys.stdout.buffer.write(pickle.dumps(measure(*given)))"
-)
-
-
-def run_apart(
-    measure: Callable[..., Found], *arguments: object, patience: float | None = None
-) -> Found:
-    """What a function returns in a process of its own, which does nothing else.
-
-    Args:
-        measure: found by the name of its module; what it gets and returns is pickled.
-        arguments: of it.
-        patience: s after which it is given up.
-
-    Raises:
-        BenchError: if it fails, with what it said, or takes too long.
-    """
-    name, given = measure.__module__, pickle.dumps((measure, arguments))
-    command = python("-c", _APART)
-    try:
-        done = subprocess.run(
-            command, input=given, capture_output=True, check=False, timeout=patience
-        )
-    except subprocess.TimeoutExpired:
-        raise BenchError(f"{name} took more than {patience:g} s") from None
-    if done.returncode != 0:
-        said = done.stderr.decode(errors="replace")[-_SHOWN_ERRORS:].strip()
-        raise BenchError(f"{name} failed: {said}")
-    found: Found = pickle.loads(done.stdout)
-    return found
-
-
-@functools.cache
-def all_classes() -> tuple[str, ...]:
-    """Every class of robots that a server knows; asked for once in this process.
-
-    Raises:
-        BenchError: if it does not tell.
-    """
-    command = python("-m", "usarsim_server.cli", "robots")
-    told = subprocess.run(command, capture_output=True, text=True, check=False)
-    names = tuple(line.split()[0] for line in told.stdout.splitlines()[1:] if line.strip())
-    if told.returncode or not names:
-        raise BenchError(f"the classes are not told: {told.stderr.strip()[-500:]}")
-    return names

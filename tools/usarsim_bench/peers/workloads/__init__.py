@@ -1,7 +1,0 @@
-"""Programs that other simulators run; each knows its simulator and the work, nothing of ours.
-
-    python -I SCRIPT WORK.json RESULT.json
-
-`WORK.json` is what `usarsim_bench.peers.work` writes, `RESULT.json` what
-`usarsim_bench.peers.work` reads.
-"""
