@@ -195,7 +195,7 @@ def test_an_operators_station_is_listed(model: WirelessModel, connect: Connect) 
 
 def test_sixteen_robots_are_answered_about(model: WirelessModel, connect: Connect) -> None:
     """Side channels 62, 65: positions of sixteen robots, and obstacles of all pairs, whole and in
-    order. How fast is measured by `usarsim bench groundtruth`; here they only have to come."""
+    order. How fast is measured by `make bench ARGS=groundtruth`; here they only have to come."""
     names = [f"R{number:02d}" for number in range(16)]
     team = []
     for number, name in enumerate(names):

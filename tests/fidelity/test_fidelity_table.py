@@ -1,4 +1,4 @@
-"""`usarsim bench fidelity`: choosing tests, verdicts, exit codes, and the three forms of output."""
+"""`make fidelity`: choosing tests, verdicts, exit codes, and the three forms of output."""
 
 from __future__ import annotations
 

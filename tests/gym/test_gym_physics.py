@@ -166,7 +166,7 @@ def test_vectors(room: str) -> None:
 
 
 def test_memory_stays(room: str) -> None:
-    """DOOR-12 in small: steps with resets leave nothing; `usarsim bench gym` makes 100,000."""
+    """DOOR-12 in small: steps with resets leave nothing; `make bench ARGS=gym` makes 100,000."""
     physics = ExplorePhysics(room, steps=20)
     grid = ExploreGrid({"environment": {"name": room}}, steps=20)
     process = psutil.Process()

@@ -1,4 +1,4 @@
-"""`usarsim bench fidelity`: the physics acceptance tests of robots reference 3.3, and their table.
+"""`make fidelity`: the physics acceptance tests of robots reference 3.3, and their table.
 
 Robots are driven by DRIVE commands through the whole server, without sockets and without a clock;
 the measuring instrument is the state of the physics itself. See docs/fidelity.md.

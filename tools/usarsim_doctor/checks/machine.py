@@ -33,7 +33,7 @@ BUSY = 0.25
 RENICED = 0.5
 """Processors that a program must use to be named as the one to slow down."""
 NEEDED = 512 << 20
-"""Bytes: a server with sixteen robots and all ports takes 370 MiB (`usarsim bench memory`)."""
+"""Bytes: a server with sixteen robots and all ports takes 370 MiB (`make bench ARGS=memory`)."""
 COMFORTABLE = 1 << 30
 FILES = 200
 """Descriptors beside the control connections: side channels, relays, the server itself."""

@@ -25,7 +25,7 @@ STANDING = 1.6
 """Processor time that it takes anyway, over that of physics and rays of `REFERENCE` robots.
 
 Both from one machine (2 cores, AMD EPYC), where physics and rays of 16 and 48 P3AT account for 0.16
-and 0.44 cores, and a server with all their sensors took 0.52 and 0.95 (`usarsim bench team`). The
+and 0.44 cores, and a server with all their sensors took 0.52 and 0.95 (`make bench ARGS=team`). The
 rest is noise models, text and sockets.
 """
 REFERENCE = 16
