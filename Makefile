@@ -50,7 +50,7 @@ fidelity: $(VENV)/ready-dev ## run the physics acceptance tests and print their 
 	$(BIN)/python tests/fidelity/try_motion.py $(ARGS)
 
 worlds: $(VENV)/ready-dev ## build the shipped worlds again from their generators
-	$(BIN)/python -m usarsim_worldgen
+	$(BIN)/python -m world_generators
 
 missions: $(VENV)/ready-dev ## play the demonstrations of all missions, two at a time (hours; goes on where it was)
 	$(BIN)/python tests/demo_missions.py --out missions-played $(ARGS)

@@ -64,7 +64,7 @@ def measure(name: str, steps: int, seed: int) -> Cost:
     """Make so many steps in one of the environments."""
     import gymnasium
 
-    import usarsim_gym  # noqa: F401 (registers them)
+    import usarsim_exploration.gym  # noqa: F401 (registers them)
     from usarsim_exploration.cycle import Cycle
     from usarsim_server.simulation.engine import Engine
 
@@ -110,7 +110,7 @@ def _bare(made: Any, random: np.random.Generator) -> float:
     """Processor s of a loop of as many `mj_step` as a step has."""
     import mujoco
 
-    from usarsim_gym.rover import TICK
+    from usarsim_exploration.gym.rover import TICK
 
     made.reset()
     made.step(_action(made, random))  # who is told to drive never sleeps
@@ -132,10 +132,10 @@ def _bare(made: Any, random: np.random.Generator) -> float:
 def measure_gym(plan: Plan) -> Section:
     """Steps, resets and memory of all; `plan.seconds` x 1,000 steps of each."""
     try:
-        import usarsim_gym
+        import usarsim_exploration.gym
     except ImportError as error:
         raise BenchError(str(error)) from None
-    assert usarsim_gym
+    assert usarsim_exploration.gym
     steps = STEPS if plan.seconds is None else max(round(1000 * plan.seconds), EPISODE)
     figures = list[Figure]()
     for name in CASES:

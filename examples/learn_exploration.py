@@ -49,7 +49,8 @@ def environment(first: int, worlds: int) -> gymnasium.Env[Observation, np.int64]
     """Small buildings of one kind; made once in each process."""
     building = {"generator": "flats", "columns": 120, "rows": 100, "rooms": 30, "seed": first}
     return gymnasium.make(
-        "usarsim_gym:usarsim/ExploreFrontiers-v0", disable_env_checker=True, worlds=worlds,
+        "usarsim_exploration.gym:usarsim/ExploreFrontiers-v0",
+        disable_env_checker=True, worlds=worlds,
         scenario={"environment": building, "team": {"reach": 50, "speed": 5}}, steps=STEPS,
         time_cost=0.5,
     )  # fmt: skip

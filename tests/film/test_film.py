@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from usarsim_film import command
-from usarsim_film.writing import write_film
 from usarsim_operator import packets
+from usarsim_operator.film import command
 from usarsim_operator.recording import Recording, RecordingError, Text, Writer
+from usarsim_report.films import write_film
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cli import build_parser
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from test_film import ABOVE, RED, SCENE, Session, expected, film, kind, middle
 
-from usarsim_film.smoke import Balls
+from usarsim_operator.film.smoke import Balls
 from usarsim_server.base.files import data_directory
 from usarsim_server.cameras.primitives import Primitives
 from usarsim_server.simulation.model import PhysicsOptions, compile_world

@@ -12,8 +12,8 @@ from gymnasium.utils.env_checker import check_env
 from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
 from pettingzoo.utils.conversions import parallel_to_aec
 
+from usarsim_exploration.gym import ExploreGrid, ExplorePhysics, ExploreTeam
 from usarsim_exploration.known_map import KNOWN
-from usarsim_gym import ExploreGrid, ExplorePhysics, ExploreTeam
 from usarsim_server.base.errors import UsarsimError
 
 IDS = ("usarsim/ExploreGrid-v0", "usarsim/ExploreFrontiers-v0")
@@ -66,7 +66,7 @@ def test_vectors() -> None:
     """In one process and in several, by the name that imports the package by itself."""
     for mode in ("sync", "async"):
         some = gymnasium.make_vec(
-            "usarsim_gym:usarsim/ExploreGrid-v0", num_envs=2, vectorization_mode=mode,
+            "usarsim_exploration.gym:usarsim/ExploreGrid-v0", num_envs=2, vectorization_mode=mode,
             scenario=ROOMS,
         )  # fmt: skip
         observation, _ = some.reset(seed=3)
@@ -223,12 +223,12 @@ def test_without_the_extra(missing: str, tmp_path: Path) -> None:
         "assert not {'gymnasium', 'pettingzoo'} & set(sys.modules)\n"
         "find = u.find_spec\n"
         f"u.find_spec = lambda name: None if name == {missing!r} else find(name)\n"
-        "import usarsim_gym\n"
+        "import usarsim_exploration.gym\n"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 1
     last = done.stderr.strip().splitlines()[-1]
     assert last == (
         "usarsim_server.base.extras.MissingLibraryError: "
-        f'usarsim_gym: {missing} is not installed (pip install "usarsim-server[gym]")'
+        f'usarsim_exploration.gym: {missing} is not installed (pip install "usarsim-server[gym]")'
     )

@@ -17,8 +17,8 @@ import pytest
 from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
+from usarsim_exploration.gym import ExploreGrid, ExplorePhysics
 from usarsim_exploration.known_map import FREE, WALL
-from usarsim_gym import ExploreGrid, ExplorePhysics
 from usarsim_server.base.errors import UsarsimError
 
 ROOM = """\
@@ -157,7 +157,10 @@ def test_odometry_drifts(lab: ExplorePhysics) -> None:
 def test_vectors(room: str) -> None:
     """Several in one process, each with its own luck."""
     some = gymnasium.make_vec(
-        "usarsim_gym:usarsim/ExplorePhysics-v0", 2, vectorization_mode="sync", world=room
+        "usarsim_exploration.gym:usarsim/ExplorePhysics-v0",
+        2,
+        vectorization_mode="sync",
+        world=room,
     )
     observation, _ = some.reset(seed=[1, 2])
     assert observation["ranges"].shape == (2, 181)

@@ -7,8 +7,8 @@ import pytest
 from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
 from pettingzoo.utils.conversions import parallel_to_aec
 
+from usarsim_exploration.gym import ExplorePhysicsTeam
 from usarsim_exploration.known_map import WALL
-from usarsim_gym import ExplorePhysicsTeam
 from usarsim_server.base.errors import UsarsimError
 
 ROWS, COLUMNS = 30, 40

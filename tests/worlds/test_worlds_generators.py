@@ -23,18 +23,18 @@ from hypothesis import strategies as st
 from shipped_worlds import NAMES
 from world_files import HEAD, START, write_world
 
+from usarsim_exploration.worlds.mjcf import Movable, Scene, number, turned
+from usarsim_exploration.worlds.sheet import PELVIS_HEIGHT, GeneratedWorld
 from usarsim_server.base.files import data_directory
 from usarsim_server.simulation.frames import quaternion_from_rpy
 from usarsim_server.worlds import victims
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
-from usarsim_worldgen import GENERATORS, __main__, differences, files
-from usarsim_worldgen import drawing as picture
-from usarsim_worldgen.arena import MAZE
-from usarsim_worldgen.mjcf import Movable, Scene, number, turned
-from usarsim_worldgen.sheet import PELVIS_HEIGHT, GeneratedWorld
-from usarsim_worldgen.terrain import incline, ramp_rise, symmetric_heights
-from usarsim_worldgen.walls import WallSize, door, wall, window
+from world_generators import GENERATORS, __main__, differences, files
+from world_generators import drawing as picture
+from world_generators.arena import MAZE
+from world_generators.terrain import incline, ramp_rise, symmetric_heights
+from world_generators.walls import WallSize, door, wall, window
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -56,7 +56,7 @@ def test_every_generator_has_a_folder() -> None:
 def test_generators_are_deterministic() -> None:
     """Two runs write the same bytes, also with another hash seed."""
     program = (
-        "import hashlib; from usarsim_worldgen import files; "
+        "import hashlib; from world_generators import files; "
         "print(hashlib.sha256(repr(sorted(files('arena').items())).encode()).hexdigest())"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "PYTHONHASHSEED": "77"}
@@ -291,7 +291,7 @@ def test_the_maze_is_connected_and_its_closed_cells_have_a_hole() -> None:
 
 def drawn(world: str | Path, target: Path, width: int, height: int) -> np.ndarray:
     """The pixels (height, width, 3) that the picture program writes, red, green, blue."""
-    command = [sys.executable, "-m", "usarsim_worldgen.drawing", str(world), str(target)]
+    command = [sys.executable, "-m", "world_generators.drawing", str(world), str(target)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "MUJOCO_GL": "egl"}
     size = ["--width", str(width), "--height", str(height)]
     subprocess.run([*command, *size], env=environment, check=True)

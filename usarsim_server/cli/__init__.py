@@ -4,7 +4,7 @@ A file of this folder whose docstring begins with "`usarsim NAME`: what it does.
 so is a module that a package names in the entry point group `usarsim.commands`. It defines
 `add_parser(subparsers)`, which adds one parser and sets its default `run`, a function from the
 parsed arguments to the exit code. Only the subcommand that is called is imported. An entry point
-names the extra that brings its libraries, as in `film = "usarsim_film.command [console]"`.
+names the extra that brings its libraries, as in `film = "usarsim_operator.film.command [console]"`.
 """
 
 from __future__ import annotations

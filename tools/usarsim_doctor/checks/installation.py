@@ -45,7 +45,7 @@ class Package:
 
 
 _MESHES = "maps in 3MF, OFF and XAML cannot be imported"
-_LEARNING = "exploration cannot be learned (usarsim_gym)"
+_LEARNING = "exploration cannot be learned (usarsim_exploration.gym)"
 
 PACKAGES = (
     Package("mujoco", "mujoco", "mujoco>=3.16,<4", "the physics"),

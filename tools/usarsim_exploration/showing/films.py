@@ -12,7 +12,7 @@ from usarsim_exploration.showing.canvas import Picture
 from usarsim_exploration.showing.overlays import DEFAULT
 from usarsim_exploration.showing.picture import draw, png
 from usarsim_exploration.showing.tape import Tape
-from usarsim_film.writing import KINDS, Frame, write_film
+from usarsim_report.films import KINDS, Frame, write_film
 from usarsim_server.base.errors import UsarsimError, at
 from usarsim_server.base.files import reason, write_bytes
 from usarsim_server.base.processes import calling

@@ -9,14 +9,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from usarsim_exploration.environment import Cell
+from usarsim_exploration.worlds import furniture
+from usarsim_exploration.worlds.mjcf import Scene
+from usarsim_exploration.worlds.sheet import GeneratedWorld, Start
 from usarsim_exploration.worlds.slicing import EXTRA
 from usarsim_exploration.worlds.world import World
 from usarsim_maps.grids.grid import rectangles
 from usarsim_server.base.files import write_text
 from usarsim_server.worlds.loader import SCENE, SHEET
-from usarsim_worldgen import furniture
-from usarsim_worldgen.mjcf import Scene
-from usarsim_worldgen.sheet import GeneratedWorld, Start
 
 HEIGHT = 2.0
 

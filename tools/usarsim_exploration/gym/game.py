@@ -19,6 +19,17 @@ from numpy.typing import NDArray
 from usarsim_exploration.cycle import BASE, Cycle, set_up
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.events import Fate
+from usarsim_exploration.gym.level import Rewards
+from usarsim_exploration.gym.puppets import (
+    FRONTIERS,
+    HEADINGS,
+    Choice,
+    Puppet,
+    behind,
+    frontier_space,
+    straight,
+)
+from usarsim_exploration.gym.seeing import Observation, Picture, map_spaces, surroundings, whole
 from usarsim_exploration.radio import Radio
 from usarsim_exploration.radio.families.ranges import Circle
 from usarsim_exploration.scenario import Scenario, load, merge, read
@@ -32,17 +43,6 @@ from usarsim_exploration.showing.scene import (
     links_of,
 )
 from usarsim_exploration.worlds import World, draw_places
-from usarsim_gym.level import Rewards
-from usarsim_gym.puppets import (
-    FRONTIERS,
-    HEADINGS,
-    Choice,
-    Puppet,
-    behind,
-    frontier_space,
-    straight,
-)
-from usarsim_gym.seeing import Observation, Picture, map_spaces, surroundings, whole
 
 Action = Literal["heading", "frontier"]
 Tables = Mapping[str, object]

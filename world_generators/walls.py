@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from usarsim_worldgen.mjcf import Scene, Vector
+from usarsim_exploration.worlds.mjcf import Scene, Vector
 
 Range = tuple[float, float]
 

@@ -8,13 +8,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from usarsim_film import story
-from usarsim_film.model import Posed
-from usarsim_film.smoke import air_of
-from usarsim_film.story import Moment, Survey
-from usarsim_film.views import View, lamp_of
-from usarsim_film.writing import Frame
+from usarsim_operator.film import story
+from usarsim_operator.film.model import Posed
+from usarsim_operator.film.smoke import air_of
+from usarsim_operator.film.story import Moment, Survey
+from usarsim_operator.film.views import View, lamp_of
 from usarsim_operator.recording import Recording
+from usarsim_report.films import Frame
 from usarsim_server.cameras.backend import (
     Backend,
     Quality,

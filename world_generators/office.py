@@ -14,10 +14,10 @@ y=-10 +---------+-----+-----+-----+-----+-------+
 
 from __future__ import annotations
 
-from usarsim_worldgen import furniture
-from usarsim_worldgen.mjcf import Movable, Scene, turned
-from usarsim_worldgen.sheet import GeneratedWorld
-from usarsim_worldgen.walls import WallSize, door, wall, window
+from usarsim_exploration.worlds import furniture
+from usarsim_exploration.worlds.mjcf import Movable, Scene, turned
+from usarsim_exploration.worlds.sheet import GeneratedWorld
+from world_generators.walls import WallSize, door, wall, window
 
 HALF_X, HALF_Y = 15.0, 10.0
 LOBBY_EDGE, LOBBY_HALF, CORRIDOR_HALF = -7.0, 4.0, 1.1

@@ -1,4 +1,4 @@
-"""Command line of the world generators: `python -m usarsim_worldgen [name] [--check|--pictures]`.
+"""Command line of the world generators: `python -m world_generators [name] [--check|--pictures]`.
 
 Pictures for the documentation are drawn by the server's own picture program, run once per world,
 with software rendering if nothing else was asked for.
@@ -14,15 +14,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from usarsim_server.base.children import python
-from usarsim_worldgen import GENERATORS, differences, files
+from world_generators import GENERATORS, differences, files
 
-_ROOT = Path(__file__).resolve().parents[2]
+_ROOT = Path(__file__).resolve().parents[1]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write worlds, compare them with what is written, or draw them; returns the exit code."""
     parser = argparse.ArgumentParser(
-        prog="python -m usarsim_worldgen", description="Generate the shipped worlds."
+        prog="python -m world_generators", description="Generate the shipped worlds."
     )
     parser.add_argument("name", nargs="*", help=f"default: {', '.join(GENERATORS)}")
     parser.add_argument("--check", action="store_true", help="only compare; exit code 1 if stale")

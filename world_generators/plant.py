@@ -13,10 +13,10 @@ y=-6  +-----------+-------------------------------------+
 
 from __future__ import annotations
 
-from usarsim_worldgen import furniture
-from usarsim_worldgen.mjcf import Scene
-from usarsim_worldgen.sheet import GeneratedWorld
-from usarsim_worldgen.walls import WallSize, door, wall
+from usarsim_exploration.worlds import furniture
+from usarsim_exploration.worlds.mjcf import Scene
+from usarsim_exploration.worlds.sheet import GeneratedWorld
+from world_generators.walls import WallSize, door, wall
 
 WEST, EAST, HALF = -10.0, 10.0, 6.0
 """Outer walls, m."""

@@ -18,16 +18,16 @@ from gymnasium import spaces
 from usarsim_exploration.cycle import Cycle, Member, set_up
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.errors import ExplorationError
+from usarsim_exploration.gym.chart import Bits, Chart, moved
+from usarsim_exploration.gym.level import Rewards
+from usarsim_exploration.gym.puppets import Puppet
+from usarsim_exploration.gym.rover import TICK, Place, Stage
+from usarsim_exploration.gym.seeing import Observation, Picture, map_spaces, surroundings, whole
 from usarsim_exploration.known_map import FREE, KNOWN, SAFE, WALL
 from usarsim_exploration.radio import Links, create_radio, find_links
 from usarsim_exploration.showing.picture import draw
 from usarsim_exploration.showing.scene import Cells, Figure, Scene
 from usarsim_exploration.worlds import draw_places, find
-from usarsim_gym.chart import Bits, Chart, moved
-from usarsim_gym.level import Rewards
-from usarsim_gym.puppets import Puppet
-from usarsim_gym.rover import TICK, Place, Stage
-from usarsim_gym.seeing import Observation, Picture, map_spaces, surroundings, whole
 from usarsim_server.base.errors import at
 from usarsim_server.base.tables import Table
 

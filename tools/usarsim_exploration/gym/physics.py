@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from usarsim_gym.crew import Crew, Localisation, Tables
-from usarsim_gym.doors import Alone, Together
-from usarsim_gym.level import Rewards
+from usarsim_exploration.gym.crew import Crew, Localisation, Tables
+from usarsim_exploration.gym.doors import Alone, Together
+from usarsim_exploration.gym.level import Rewards
 
 
 class ExplorePhysics(Alone):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_client.scene import Message, SceneReader
-from usarsim_film.story import Chapter, Moment
+from usarsim_operator.film.story import Chapter, Moment
 
 _NOWHERE = (0.0, 0.0, -1e4)
 """Where things are that are not there."""

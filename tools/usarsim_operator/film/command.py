@@ -14,10 +14,10 @@ from usarsim_server.base.processes import calling
 from usarsim_server.cli.common import Subparsers, add_command
 
 if TYPE_CHECKING:
-    from usarsim_film.story import Survey
-    from usarsim_film.views import View
-    from usarsim_film.writing import Frame
+    from usarsim_operator.film.story import Survey
+    from usarsim_operator.film.views import View
     from usarsim_operator.recording import Recording
+    from usarsim_report.films import Frame
 
 _EPILOG = (
     "Views: orbit, around all robots; top, a map; follow:ROBOT, from behind; first:ROBOT, from its "
@@ -70,9 +70,9 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         UsarsimError: for a recording, an option or a file that cannot be used.
     """
-    from usarsim_film.story import survey
-    from usarsim_film.writing import write_film
+    from usarsim_operator.film.story import survey
     from usarsim_operator.recording import Recording
+    from usarsim_report.films import write_film
 
     out: Path = arguments.out
     if out.suffix.lower() != ".mp4":
@@ -102,7 +102,7 @@ def _frames(
     size: tuple[int, int],
     times: Iterator[tuple[float, float]],
 ) -> Iterator[Frame]:
-    from usarsim_film import drawing
+    from usarsim_operator.film import drawing
 
     if view is None:
         return drawing.taken(recording, robot, size, times)
@@ -111,7 +111,7 @@ def _frames(
 
 def _view(arguments: argparse.Namespace, found: Survey) -> tuple[str, str, View | None]:
     """Kind of the view, its robot, and the view itself; None for recorded pictures."""
-    from usarsim_film.views import First, Fixed, Follow, Orbit, Top
+    from usarsim_operator.film.views import First, Fixed, Follow, Orbit, Top
 
     size = arguments.size
     kind, _, name = (arguments.view or "orbit").partition(":")

@@ -10,7 +10,7 @@ from gymnasium import spaces
 from gymnasium.error import InvalidAction, ResetNeeded
 
 from usarsim_exploration.errors import ExplorationError
-from usarsim_gym.seeing import Observation, Picture
+from usarsim_exploration.gym.seeing import Observation, Picture
 
 
 @dataclass(frozen=True, slots=True)

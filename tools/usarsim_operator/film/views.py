@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_client.scene import SceneReader
-from usarsim_film.story import Moment, Survey
+from usarsim_operator.film.story import Moment, Survey
 from usarsim_server.cameras.view import Eye, looking
 from usarsim_server.simulation.frames import Pose, pose_of
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import random
 
-from usarsim_worldgen.mjcf import Movable, Scene, Vector, turned
+from usarsim_exploration.worlds.mjcf import Movable, Scene, Vector, turned
 
 
 def daylight(scene: Scene) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from usarsim_worldgen.mjcf import Scene, Vector, number
+from usarsim_exploration.worlds.mjcf import Scene, Vector, number
 
 START_HEIGHT = 0.25
 """Height of a start pose above the floor below it, m: a robot is let down from there."""
@@ -107,7 +107,7 @@ class GeneratedWorld:
     def toml(self) -> str:
         """The finished text of `world.toml`."""
         parts = [
-            "# Made by usarsim_worldgen; change the generator, not this file.",
+            "# Made by a generator of worlds; change the generator, not this file.",
             "# Metres and degrees; x forward, y left, z up; yaw anticlockwise from +x.",
             _pairs(
                 {

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from usarsim_gym.doors import Alone, Together
-from usarsim_gym.game import DEFAULT, Action, Game, Tables
-from usarsim_gym.level import Rewards
+from usarsim_exploration.gym.doors import Alone, Together
+from usarsim_exploration.gym.game import DEFAULT, Action, Game, Tables
+from usarsim_exploration.gym.level import Rewards
 
 
 class ExploreGrid(Alone):

@@ -334,7 +334,7 @@ class Scene:
         """The finished MJCF text."""
         head = [
             f"<mujoco model={quoteattr(self.name)}>",
-            "  <!-- Made by usarsim_worldgen; change the generator, not this file. -->",
+            "  <!-- Made by a generator of worlds; change the generator, not this file. -->",
             "  " + _element("statistic", {"center": self._center, "extent": self._extent}),
             *_VISUAL,
             *_DEFAULTS,

@@ -11,7 +11,7 @@ import math
 import random
 from collections.abc import Sequence
 
-from usarsim_worldgen.mjcf import Scene, Vector, turned
+from usarsim_exploration.worlds.mjcf import Scene, Vector, turned
 
 POST = 0.1
 """Edge of a step field post, m (E2828)."""

@@ -10,10 +10,11 @@ y=-10 +---------+----------------------------------------+
 
 from __future__ import annotations
 
-from usarsim_worldgen import furniture, terrain
-from usarsim_worldgen.mjcf import Scene, turned
-from usarsim_worldgen.sheet import GeneratedWorld
-from usarsim_worldgen.walls import Maze, panel
+from usarsim_exploration.worlds import furniture
+from usarsim_exploration.worlds.mjcf import Scene, turned
+from usarsim_exploration.worlds.sheet import GeneratedWorld
+from world_generators import terrain
+from world_generators.walls import Maze, panel
 
 HALF_X, HALF_Y = 12.0, 10.0
 STAGING_EDGE, RED_EDGE, ORANGE_EDGE = -8.0, 4.4, 1.0

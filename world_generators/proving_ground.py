@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from usarsim_worldgen import furniture, terrain
-from usarsim_worldgen.mjcf import Scene
-from usarsim_worldgen.sheet import GeneratedWorld, Start
+from usarsim_exploration.worlds import furniture
+from usarsim_exploration.worlds.mjcf import Scene
+from usarsim_exploration.worlds.sheet import GeneratedWorld, Start
+from world_generators import terrain
 
 LANE = 3.4
 """Distance between lanes, m."""

@@ -10,8 +10,8 @@ from gymnasium import spaces
 from gymnasium.error import InvalidAction
 from pettingzoo import ParallelEnv
 
-from usarsim_gym.level import Level, Turn, checked
-from usarsim_gym.seeing import Observation, Picture
+from usarsim_exploration.gym.level import Level, Turn, checked
+from usarsim_exploration.gym.seeing import Observation, Picture
 
 Facts = dict[str, Any]
 

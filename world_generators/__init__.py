@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from usarsim_worldgen import arena, furniture, office, plant, proving_ground, smoke_corridor
-from usarsim_worldgen.mjcf import Scene
-from usarsim_worldgen.sheet import GeneratedWorld
+from usarsim_exploration.worlds import furniture
+from usarsim_exploration.worlds.mjcf import Scene
+from usarsim_exploration.worlds.sheet import GeneratedWorld
+from world_generators import arena, office, plant, proving_ground, smoke_corridor
 
 __all__ = ["GENERATORS", "differences", "files"]
 

@@ -1,4 +1,4 @@
-"""Draws a world: `python -m usarsim_worldgen.drawing WORLD PICTURE.png`.
+"""Draws a world: `python -m world_generators.drawing WORLD PICTURE.png`.
 
 The picture of a world (a name or a folder) is what its camera `overview` sees, or a view from above
 one corner, with an arrow at every start pose.
@@ -119,7 +119,7 @@ def _add(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Draw one world into one file; returns the exit code."""
     parser = argparse.ArgumentParser(
-        prog="python -m usarsim_worldgen.drawing", description="Draw a world into a PNG file."
+        prog="python -m world_generators.drawing", description="Draw a world into a PNG file."
     )
     parser.add_argument("world", help="name of a shipped world, or a world folder")
     parser.add_argument("picture", type=Path, help="PNG file to write")

@@ -1,0 +1,1 @@
+"""What writes results for people: films."""
