@@ -43,23 +43,14 @@ def _healthy() -> dict[str, WireFault]:
 
 
 def _judge_on(name: str, faults: Sequence[WireFault]) -> dict[str, Result]:
-    """Verdicts of a server's faults, judged once more if wrong: the machine may be busy."""
-    results: dict[str, Result] = {}
+    """Verdicts of the faults that a server gets, each judged once."""
     with OwnServer("--speed", "max", *_OPTIONS[name]) as server:
-        for _ in range(2):
-            results |= asyncio.run(try_wire_faults(server.ports, faults))
-            stalled = [one for one in results.values() if STANDS_STILL in one.reason]
-            if stalled:
-                print(server.last_words())
-                pytest.fail(f"{stalled[0].check}: {stalled[0].reason}", pytrace=False)
-            faults = [one for one in faults if results[one.name].verdict not in _wanted(one)]
-            if not faults:
-                break
+        results = asyncio.run(try_wire_faults(server.ports, faults))
+        stalled = [one for one in results.values() if STANDS_STILL in one.reason]
+        if stalled:
+            print(server.last_words())
+            pytest.fail(f"{stalled[0].check}: {stalled[0].reason}", pytrace=False)
     return results
-
-
-def _wanted(fault: WireFault) -> Sequence[Verdict]:
-    return _FINE if fault.kind is Link else (Verdict.FAIL,)
 
 
 @pytest.fixture(scope="module")

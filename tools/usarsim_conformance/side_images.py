@@ -58,6 +58,8 @@ _MARKED = (9, 7)
 """Pixels of a picture that no check asks for: its answer marks a place in the stream of answers."""
 _MARK = rectangle(0, 0, *_MARKED)
 _LOOKS = 3
+_QUIET = 0.5
+"""s of simulated time after which nothing more is expected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +135,22 @@ class ImageClient:
         data = await self.wire.silence(seconds)
         if data:
             raise Failed(f"{len(data)} bytes came after {after}, beginning {data[:12].hex(' ')}")
+
+    async def ends(self, after: str) -> None:
+        """Fail if more than the replies read so far is on its way.
+
+        Half a second of simulated time can pass sooner than a picture is drawn, so a last request
+        marks the end where rectangles are answered.
+
+        Args:
+            after: what came before, for the report.
+        """
+        await self.silent(_QUIET, after)
+        if self.facts.marks:
+            await self.send(_MARK)
+            more = len(await _up_to_mark(self.wire))
+            if more:
+                raise Failed(f"{more} more frames came after {after}")
 
 
 async def read_frame(wire: Wire, within: float | None = None) -> Frame:

@@ -29,7 +29,7 @@ async def _one_frame(case: Case, request: bytes, shown: str) -> ImageClient:
     client = await ImageClient.open(case)
     frame = await client.ask(request)
     case.expect(frame.payload, f"{shown} was answered by an empty picture")
-    await client.silent(_QUIET, f"the one frame that {shown} asks for")
+    await client.ends(f"the one frame that {shown} asks for")
     return client
 
 
@@ -38,7 +38,7 @@ async def _nothing_then_one(case: Case, request: bytes, shown: str) -> None:
     await client.send(request)
     await client.silent(_QUIET, shown)
     await client.ask(FULL_FRAME)
-    await client.silent(_QUIET, f"{shown} and one OK")
+    await client.ends(f"{shown} and one OK")
 
 
 @images("connect.without-robot", "Serves before there are robots", "11.1, 2.1")
@@ -107,7 +107,7 @@ async def ok_in_halves(case: Case) -> None:
     await client.silent(0.5, "O alone")
     await client.send(b"K")
     await client.frame()
-    await client.silent(_QUIET, "O and K")
+    await client.ends("O and K")
 
 
 @images("request.pipelined", "Five requests get five frames", "11.9, 2.2")
@@ -118,7 +118,7 @@ async def pipelined(case: Case) -> None:
     for _ in range(5):
         frame = await client.frame()
         case.expect(frame.size[0], "one of five frames is empty")
-    await client.silent(_QUIET, "five frames for five requests")
+    await client.ends("five frames for five requests")
 
 
 @images("request.rapid", "Answers requests every 10 ms", "11.33, 2.6")
@@ -146,7 +146,7 @@ async def much_junk(case: Case) -> None:
     client = await ImageClient.open(case)
     await client.send(b"x" * 1_000_000)
     await client.ask()
-    await client.silent(_QUIET, "one OK behind a megabyte of junk")
+    await client.ends("one OK behind a megabyte of junk")
 
 
 @images("request.telnet", "Survives a text protocol", "2.7", Severity.SHOULD)
@@ -204,7 +204,7 @@ async def byte_by_byte(case: Case) -> None:
         await asyncio.sleep(0.01)
     frame = await client.frame()
     case.expect(frame.size == (64, 48), f"64 x 48 asked for, {frame.size} sent")
-    await client.silent(_QUIET, "one U, byte by byte")
+    await client.ends("one U, byte by byte")
 
 
 @images("rectangle.binary", "Arguments of U are no requests", "11.24")
@@ -213,7 +213,7 @@ async def binary(case: Case) -> None:
     client = await ImageClient.open(case)
     numbers = (int.from_bytes(b"OKOK"), int.from_bytes(b"UUUU"), 0x4F4B, 0x55)
     await client.ask(rectangle(*numbers))
-    await client.silent(_QUIET, "one U whose arguments look like requests")
+    await client.ends("one U whose arguments look like requests")
 
 
 @images("rectangle.followed", "Bytes after the 17th are new requests", "11.26")
@@ -225,7 +225,7 @@ async def followed(case: Case) -> None:
     sizes = [(await client.frame()).size for _ in range(3)]
     wanted = [(32, 24), (facts.width, facts.height), (24, 32)]
     case.expect(sizes == wanted, f"sizes {sizes} instead of {wanted}")
-    await client.silent(_QUIET, "U, OK and U")
+    await client.ends("U, OK and U")
 
 
 async def _odd(case: Case, *rectangles: tuple[int, int, int, int]) -> None:
@@ -318,7 +318,7 @@ async def resumes(case: Case) -> None:
             frame.kind == facts.kind and frame.size == (facts.width, facts.height),
             f"frame {number + 1} of 20 is of type {frame.kind} and {frame.size}",
         )
-    await client.silent(0.5, "as many frames as requests")
+    await client.ends("as many frames as requests")
 
 
 @images("clients.vanishes", "Survives clients that vanish", "11.32")
