@@ -9,31 +9,39 @@ import ast
 import re
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 FILES = sorted([*(ROOT / "usarsim_server").rglob("*.py"), *(ROOT / "tools").rglob("*.py")])
-TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
-CLASSES = {
-    node.name: node
-    for tree in TREES.values()
-    for node in ast.walk(tree)
-    if isinstance(node, ast.ClassDef)
-}
 ROOMS = {path.stem for path in (ROOT / "usarsim_server").iterdir()}
 PACKAGES = {path.name for path in (ROOT / "tools").iterdir()} | {"usarsim_server"}
 
 GROUP = re.compile(r'^GROUP = "([\w.]+)"', re.MULTILINE)
-GROUPS = {
-    *tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"],
-    *(name for path in FILES for name in GROUP.findall(path.read_text(encoding="utf-8"))),
-}
-"""Groups of entry points are named like modules."""
-
 SECTION = re.compile(r"^ *Attributes:\n((?:(?: {4,}\S.*)?\n)+)", re.MULTILINE)
 ENTRY = re.compile(r"(?:^|[.;] )((?:\w+, )*\w+): ")
 FILE_ENDINGS = (".py", ".jsonl", ".toml", ".csv")
 CITED = re.compile(r"(?<!`)`((?:\w+\.)+\w+)`(?!`)")
+
+
+@cache
+def trees() -> dict[Path, ast.Module]:
+    """The syntax of each file."""
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
+
+
+@cache
+def classes() -> dict[str, ast.ClassDef]:
+    """All classes of the product by name."""
+    nodes = (node for tree in trees().values() for node in ast.walk(tree))
+    return {node.name: node for node in nodes if isinstance(node, ast.ClassDef)}
+
+
+def groups() -> set[str]:
+    """Groups of entry points, which are named like modules."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    own = (name for path in FILES for name in GROUP.findall(path.read_text(encoding="utf-8")))
+    return {*project["entry-points"], *own}
 
 
 def members(node: ast.ClassDef) -> set[str]:
@@ -50,8 +58,8 @@ def members(node: ast.ClassDef) -> set[str]:
     for base in node.bases:
         name = base.value if isinstance(base, ast.Subscript) else base
         word = name.attr if isinstance(name, ast.Attribute) else getattr(name, "id", "")
-        if word in CLASSES and word != node.name:
-            found |= members(CLASSES[word])
+        if word in classes() and word != node.name:
+            found |= members(classes()[word])
     return found
 
 
@@ -87,14 +95,14 @@ def defines(path: Path, names: list[str]) -> bool:
         return True
     return path.is_file() and any(
         names[0] in {getattr(node, "name", None), getattr(node, "id", None)}
-        for node in ast.walk(TREES[path])
+        for node in ast.walk(trees()[path])
     )
 
 
 def test_attributes_that_docstrings_name_exist() -> None:
     wrong = [
         f"{path.relative_to(ROOT)}:{node.lineno}: {node.name} has no {name!r}"
-        for path, tree in TREES.items()
+        for path, tree in trees().items()
         for node in ast.walk(tree)
         if isinstance(node, ast.ClassDef)
         for name in documented(ast.get_docstring(node) or "")
@@ -104,12 +112,13 @@ def test_attributes_that_docstrings_name_exist() -> None:
 
 
 def test_modules_that_docstrings_name_exist() -> None:
+    known = groups()
     wrong = [
         f"{path.relative_to(ROOT)}: there is no {cited!r}"
         for path in FILES
         for cited in CITED.findall(path.read_text(encoding="utf-8"))
         if cited.split(".")[0] in ROOMS | PACKAGES
-        and cited not in GROUPS
+        and cited not in known
         and not cited.endswith(FILE_ENDINGS)
         and not module_exists(cited)
     ]
