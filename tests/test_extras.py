@@ -90,7 +90,7 @@ def test_a_map_names_its_library(command: str, bare: list[str], tmp_path: Path) 
 
 @pytest.mark.parametrize(
     "command",
-    slow_but({"worlds"}.__contains__, ["worlds", "robots P3AT", "doctor --quick --port 0"]),
+    slow_but({"worlds"}.__contains__, ["worlds", "robots P3AT", "doctor --port 0"]),
 )
 def test_the_base_is_enough(command: str, bare: list[str], tmp_path: Path) -> None:
     done = subprocess.run(

@@ -27,7 +27,7 @@ PORTS_OFF = [
 
 @pytest.fixture
 def marks(monkeypatch: pytest.MonkeyPatch) -> list[Mark]:
-    """Stand-ins for the checks: a quick one that finds these marks, and one that measures."""
+    """Stand-ins for the checks: one that finds these marks, and one that is fine."""
     found: list[Mark] = []
 
     def look(context: Context) -> Iterator[Finding]:
@@ -37,7 +37,7 @@ def marks(monkeypatch: pytest.MonkeyPatch) -> list[Mark]:
     def measure(context: Context) -> Iterator[Finding]:
         yield Finding("rate", Mark.OK, "fast", values={"rate": 5.0})
 
-    checks = (Check("a", "Things", 1, look), Check("b", "Rates", 2, measure, measures=True))
+    checks = (Check("a", "Things", 1, look), Check("b", "Rates", 2, measure))
     monkeypatch.setattr(registry, "all_checks", lambda: checks)
     return found
 
@@ -58,18 +58,6 @@ def test_only_problems_make_the_exit_code_1(
     marks.extend(found)
     assert main(["doctor"]) == code
     assert ("can run the server" in capsys.readouterr().out) is (code == 0)
-
-
-def test_quick_measures_nothing(marks: list[Mark], capsys: pytest.CaptureFixture[str]) -> None:
-    """Checks that measure are left out, all others are made."""
-    marks.append(Mark.OK)
-    assert main(["doctor", "--quick"]) == 0
-    quick = capsys.readouterr().out
-    assert main(["doctor"]) == 0
-    slow = capsys.readouterr().out
-    assert "thing" in quick
-    assert "rate" not in quick
-    assert "rate " in slow
 
 
 def test_a_report_for_machines_is_all_there_is_on_standard_output(
@@ -123,7 +111,7 @@ def test_bad_options_are_exit_code_2(
 def examined(
     *arguments: str, alone: bool = False, libraries: Path | None = None
 ) -> tuple[int, dict[str, dict[str, Any]]]:
-    """Run the real thing quickly; its exit code, and its findings by check and subject.
+    """Run the real thing; its exit code, and its findings by check and subject.
 
     Args:
         arguments: of the command.
@@ -137,7 +125,7 @@ def examined(
         os.environ.get("PYTHONPATH", ""),
     ]
     module = ["usarsim_doctor.command"] if alone else ["usarsim_server.cli", "doctor"]
-    command = [sys.executable, "-m", *module, *arguments, "--quick", "--json", "-"]
+    command = [sys.executable, "-m", *module, *arguments, "--json", "-"]
     done = subprocess.run(
         [*command, "--world", "empty", "--renderer", "rays"],
         capture_output=True,

@@ -96,13 +96,21 @@ def test_the_server_is_put_together_and_own_robots_are_tried(tmp_path: Path) -> 
         'extends = "P3AT"\nsensor = [{ type = "Sonnar", name = "S" }]\n'
     )
     settings = Settings(world="empty", robots=(tmp_path,))
-    start, good, odd = judge_server(Outcome(try_server(settings, "")))
+    start, good, odd, steps = judge_server(Outcome(try_server(settings, "")))
     assert start.mark is Mark.OK
     assert start.text.endswith("with the world empty")
     assert good.text == "1 of your own can be put into the world"
     assert (odd.subject, odd.mark) == ("Odd", Mark.WARNING)
     assert "unknown sensor type 'Sonnar'" in odd.text
     assert (odd.advice or "").startswith("did you mean Sonar?")
+    assert steps.subject == "steps"
+
+
+def test_steps_that_are_not_compiled_are_a_note_with_the_reason() -> None:
+    values = {"seconds": 1.0, "world": "empty", "broken": [], "tried": 0}
+    *_, steps = judge_server(Outcome({**values, "not_compiled": "no C compiler (cc)"}))
+    assert steps.mark is Mark.NOTE
+    assert steps.text == "not compiled, so somewhat slower: no C compiler (cc)"
 
 
 def test_a_server_that_would_not_start_says_why() -> None:

@@ -80,9 +80,8 @@ def test_the_built_in_checks_come_in_order() -> None:
     """All subjects are there, versions first, what takes long last."""
     found = all_checks()
     assert [one.key for one in found] == [
-        *("versions", "machine", "ports", "files", "graphics", "server", "rates")
+        *("versions", "machine", "ports", "files", "graphics", "server")
     ]
-    assert [one.key for one in found if one.measures] == ["rates"]
 
 
 def test_a_new_file_is_a_new_check_and_a_broken_one_a_failing_check(

@@ -6,9 +6,9 @@ dies on one trial, another one goes on with the next.
 
 That process runs this module: it reads a pickle of the trials' names and the settings, and writes a
 line for each, a JSON object with the fields of `Outcome` and `trial`, the name. A name is that of a
-function of this file, or of `team.py` where rates are measured; what follows a colon is its
-argument. Each such function takes the settings of the server and that argument, imports what it
-needs itself, and returns facts that can be written as JSON.
+function of this file; what follows a colon is its argument. Each such function takes the settings
+of the server and that argument, imports what it needs itself, and returns facts that can be written
+as JSON.
 
 Beside that the commands that mend things, `pip` and `root`, written so that they can be pasted into
 this shell.
@@ -147,11 +147,8 @@ def _quoted(argument: str) -> str:
 
 # -- in the other process --------------------------------------------------------------------------
 
-RATES = ("physics", "rays", "cameras")
-"""Trials that are functions of `team.py`."""
 MOST_CLASSES = 20
 """Robot classes of the user's own that are tried out."""
-_TEAM = "usarsim_doctor.team"
 
 
 def main() -> int:
@@ -171,8 +168,7 @@ def try_out(name: str, settings: Settings) -> dict[str, object]:
     """Fields of the outcome of one trial."""
     function, _, argument = name.partition(":")
     try:
-        module = importlib.import_module(_TEAM if function in RATES else __name__)
-        return {"values": getattr(module, function)(settings, argument)}
+        return {"values": globals()[function](settings, argument)}
     except UsarsimError as error:
         problem, advice = problem_and_advice(str(error))
         return {"failure": problem, "told": True, "advice": advice}
@@ -227,6 +223,8 @@ def server(settings: Settings, _: str) -> dict[str, object]:
     """
     from usarsim_server.app import assemble
     from usarsim_server.robots.catalog import load_catalog
+    from usarsim_server.simulation import native
+    from usarsim_server.simulation.rays.compiled import ray_code
 
     started = time.perf_counter()
     assembly = assemble(settings)
@@ -250,6 +248,8 @@ def server(settings: Settings, _: str) -> dict[str, object]:
             "seconds": seconds,
             "tried": len(own[:MOST_CLASSES]),
             "broken": broken,
+            "not_compiled": native.library()[1]
+            or (None if ray_code() else "Embree's library cannot be called for rays"),
         }
     finally:
         assembly.stop()

@@ -103,7 +103,6 @@ class Check:
     title: str  # for readers
     order: int  # place in the report; low numbers come first
     look: Look  # what it does
-    measures: bool = False  # it takes seconds, because it measures; left out when there is hurry
     apart: bool = False
     """It needs libraries that may be broken, and so runs in a process of its own."""
 
@@ -121,9 +120,7 @@ class Audience:
 _CHECKS: dict[str, Check] = {}
 
 
-def check(
-    key: str, title: str, order: int, *, measures: bool = False, apart: bool = False
-) -> Callable[[Look], Look]:
+def check(key: str, title: str, order: int, *, apart: bool = False) -> Callable[[Look], Look]:
     """Decorator: enter a function as a check (see `Check`).
 
     Raises:
@@ -134,7 +131,7 @@ def check(
         known = _CHECKS.get(key)
         if known is not None and known.look.__module__ != look.__module__:
             raise ValueError(f"check {key!r} is already that of {known.look.__module__}")
-        _CHECKS[key] = Check(key, title, order, look, measures, apart)
+        _CHECKS[key] = Check(key, title, order, look, apart)
         return look
 
     return enter
@@ -240,8 +237,7 @@ class Printer(Audience):
         """Print the heading of a check."""
         blank = "\n" if self._begun else ""
         self._begun = True
-        hint = " (takes some seconds)" if check.measures else ""
-        self._print(f"{blank}{self._painted(check.title, _BOLD)}{hint}")
+        self._print(f"{blank}{self._painted(check.title, _BOLD)}")
 
     def tell(self, finding: Finding) -> None:
         """Print a finding and its cure."""
