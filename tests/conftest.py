@@ -19,9 +19,9 @@ from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
+from sharing import shared_parts
 
 from usarsim_server.base.logs import ROOT
-from usarsim_server.testing.sharing import shared_parts
 
 PATIENT = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("explore", PATIENT)

@@ -121,9 +121,13 @@ class TestContracts:
         monkeypatch.chdir(ROOT)
         assert lint(config) == 1
 
-    def test_no_exceptions(self) -> None:
-        """No contract lists imports that it overlooks."""
-        assert not [one["id"] for one in CONTRACTS if "ignore_imports" in one]
+    def test_exceptions_are_few(self) -> None:
+        """Films alone overlook a wall; the list may only get shorter."""
+        overlooked = [path for one in CONTRACTS for path in one.get("ignore_imports", ())]
+        assert overlooked == [
+            "usarsim_operator.film.** -> usarsim_server.**",
+            "usarsim_operator.film.** -> mujoco",
+        ]
 
     def test_every_room_has_walls(self) -> None:
         """Each folder and module of the server stands in the contracts; enter a new one there."""

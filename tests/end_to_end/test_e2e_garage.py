@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lanes import SLOW
+from sharing import shipped_robots
 from side_clients import WirelessModel
 
 from usarsim_server.actuators.effectors import create_effectors
@@ -26,7 +27,6 @@ from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sensors.base import SensorContext, create_sensor
 from usarsim_server.testing import ScriptedClient, eventually, running_server
-from usarsim_server.testing.sharing import shipped_robots
 from usarsim_server.worlds.description import WorldDescription
 
 ROSTER = {

@@ -23,9 +23,9 @@ from itertools import pairwise
 import psutil
 import pytest
 from hostile.attackers import Attackers
+from sharing import shipped_robots
 
 from usarsim_server.testing import ScriptedClient, ServerProcess
-from usarsim_server.testing.sharing import shipped_robots
 
 MEGABYTE = 1 << 20
 PATIENCE = 90.0

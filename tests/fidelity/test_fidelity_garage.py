@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sharing import shipped_robots
 
 from usarsim_doctor.test_drive import Rest, TestDrive, full_speed
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.testing.sharing import shipped_robots
 
 ROSTER = shipped_robots()
 

@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from sharing import shipped_robots
 
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.mjcf import build_spec
@@ -22,7 +23,6 @@ from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.simulation.model import PhysicsOptions
-from usarsim_server.testing.sharing import shipped_robots
 
 ROBOTS = {
     robot.name: robot

@@ -25,6 +25,8 @@ from importlib import metadata
 from itertools import zip_longest
 from pathlib import Path
 
+sys.path += [str(Path(__file__).parents[1]), str(Path(__file__).parents[2])]
+
 from linehash_play import SESSIONS, Lines, grounds, play
 from linehash_yard import EVERY_SENSOR
 

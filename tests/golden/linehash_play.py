@@ -13,9 +13,9 @@ from pathlib import Path
 
 from linehash_script import BEFORE, DIALECTS, STEPS, init
 from linehash_yard import APART, write_robots, write_yard
+from sharing import shared_parts
 
 from usarsim_server.testing import Rehearsal, RehearsedClient
-from usarsim_server.testing.sharing import shared_parts
 
 Lines = dict[str, list[bytes]]
 """All lines of the clients of a session, by client, in order, with their ends."""

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from sharing import shipped_robots
 
 from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
@@ -21,7 +22,6 @@ from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.model import CompiledWorld, PhysicsOptions, compile_world
 from usarsim_server.simulation.simulation import BodyHandle
 from usarsim_server.simulation.snapshot import RobotBody
-from usarsim_server.testing.sharing import shipped_robots
 
 UT, UDK = Dialect.UT2004, Dialect.UDK
 

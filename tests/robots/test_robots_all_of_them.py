@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 import pytest
 from lanes import slow_but
 from robot_files import number
+from sharing import shipped_robots
 
 from usarsim_server.base.files import data_directory
 from usarsim_server.robots.catalog import load_robot
@@ -27,7 +28,6 @@ from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import Rehearsal, RehearsedClient
-from usarsim_server.testing.sharing import shipped_robots
 
 CLASSES = (
     *("KRobot", "Rugbot", "P2AT", "StereoP2AT", "OmniP2AT", "P2DX", "OmniP2DX", "ATRVJr", "ATRV"),

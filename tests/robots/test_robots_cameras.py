@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from robot_files import LEFT, RIGHT, table, write
+from sharing import shipped_robots
 from test_robots_files_fuzz import QUICK, check, values
 from test_robots_limbs import ARM
 
@@ -18,7 +19,6 @@ from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import CameraDescription, RobotDescription
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.testing.sharing import shipped_robots
 
 CAMERA: dict[str, Any] = {"name": "Camera", "position": [0.1, 0.05, -0.4]}
 PAGE = Path(__file__).parents[2] / "docs" / "robot-files.md"

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import pytest
 from robot_files import DIALECTS, values
 from robot_files import kind as kind_of
+from sharing import shipped_robots
 
 from usarsim_server.testing import Rehearsal
-from usarsim_server.testing.sharing import shipped_robots
 
 pytestmark = pytest.mark.slow
 

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 from robot_files import table, write
+from sharing import shipped_robots
 
 from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
@@ -22,7 +23,6 @@ from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, wire_from_pose
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.testing import Rehearsal, RehearsedClient
-from usarsim_server.testing.sharing import shipped_robots
 
 ROSTER = shipped_robots()
 ROBOTS = {robot.name: robot for robot in ROSTER.descriptions()}

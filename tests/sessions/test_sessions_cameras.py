@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import cast
 
 import pytest
+from sharing import shipped_robots
 
 from usarsim_server.base.logs import ROOT
 from usarsim_server.cameras.board import CameraBoard
@@ -19,7 +20,6 @@ from usarsim_server.robots.description import CameraDescription, RobotDescriptio
 from usarsim_server.sessions.cameras import CameraMount, bind_view
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.snapshot import RobotBody
-from usarsim_server.testing.sharing import shipped_robots
 
 UDK, UT2004 = Dialect.UDK, Dialect.UT2004
 ROSTER = shipped_robots()
