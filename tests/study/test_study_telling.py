@@ -203,7 +203,7 @@ class TestAroundATrial:
                 await page.fill_in("experience", games=3)
                 await page.press("Trial 1")
                 await page.at("panel")
-                told = "trial 1 of 2: waits for the participant's first picture or gamepad button"
+                told = "trial 1 of 2: waits for a picture or the gamepad"
                 await leader.until(lambda one: one.get("now") == told)
                 before = len(leader.said)
                 heard[-1].set()

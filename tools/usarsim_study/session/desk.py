@@ -212,7 +212,7 @@ class Desk:
         }
         now, following = screens.plain(self.book.session, step, self._past)
         if self.panels is not None and self.panels.waits:
-            now += ": waits for the participant's first picture or gamepad button"
+            now += ": waits for a picture or the gamepad"
         told = {
             "type": "overview",
             "now": "a question in the middle of the trial" if self.probe else now,
