@@ -83,12 +83,13 @@ class FakeDesk:
 
     Attributes:
         steps: what is shown, one after the other. place: of the present one.
-        texts: what pages said.
+        texts: what pages said. overview: what the experimenter sees.
     """
 
     def __init__(self, *steps: dict[str, Any]) -> None:
         self.steps, self.place = list(steps), 0
         self.texts: list[dict[str, Any]] = []
+        self.overview: dict[str, Any] = OVERVIEW
         self.states: dict[int, FormState] = {}
         self._sockets: set[web.WebSocketResponse] = set()
         self._runner: web.AppRunner
@@ -148,7 +149,7 @@ class FakeDesk:
             await socket.close(code=1008, message=b"the token is wrong")
             return socket
         if hello["token"] == EXPERIMENTER:
-            await socket.send_json(OVERVIEW)
+            await socket.send_json(self.overview)
         else:
             self._sockets.add(socket)
             await socket.send_json(self.step())

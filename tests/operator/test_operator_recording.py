@@ -16,6 +16,7 @@ from console_harness import gateway
 from virtual_station import VirtualPage, VirtualStation
 
 from usarsim_operator import packets
+from usarsim_operator.motion import Motion
 from usarsim_operator.pages import Page
 from usarsim_operator.recorder import ID
 from usarsim_operator.recording import Packet, Recording, Text
@@ -112,11 +113,12 @@ def test_hostile_pages_do_not_end_a_recording(tmp_path: Path) -> None:
 
 
 class _Kept:
-    """An observer that counts by type what pages say."""
+    """An observer that counts by type what pages say, and keeps commands."""
 
     def __init__(self) -> None:
         self.inputs: Counter[str] = Counter()
         self.notes: Counter[str] = Counter()
+        self.commands: list[Mapping[str, object]] = []
 
     def input(self, page: Page, text: str, heard: float) -> None:
         """Count it."""
@@ -125,9 +127,31 @@ class _Kept:
     def note(self, kind: str, facts: Mapping[str, object]) -> None:
         """Count it."""
         self.notes[kind] += 1
+        if kind == "command":
+            self.commands.append(facts)
 
     def event(self, fields: Mapping[str, object]) -> None:
         """Nothing."""
+
+
+@pytest.mark.parametrize("kind", ["ground", "car"])
+async def test_each_change_of_what_an_operator_drives_is_one_command(kind: str) -> None:
+    """HRI-10: keys that are let go are a command too, or a robot would count as driven for as long
+    as its operator holds it; what is said again, twenty times a second, is none."""
+    station, kept = VirtualStation(None), _Kept()
+    driven = station.spawned("R1")
+    driven.motion = Motion(kind)
+    page = VirtualPage(station, "Ada", Role.OPERATOR)
+    assert (await page.ask("take", robot="R1"))["ok"]
+    station.observers.add(kept)
+    for power in (0.6, 0.6, 0.0, 0.0, 0.0, 0.6, 0.0, 0.0):
+        assert (await page.ask("drive", robot="R1", left=power, right=power))["ok"]
+    go, stand = (driven.motion.drive(one, one).decode().strip() for one in (0.6, 0.0))
+    told = [(one["source"], one["text"]) for one in kept.commands]
+    assert told == [("operator", one) for one in (go, stand, go, stand)]
+    wheel = [one["value"] for one in page.texts if one.get("kind") == "wheel"]
+    assert wheel == [0.6, 0.0, 0.6, 0.0]
+    await station.end(page)
 
 
 async def test_what_is_refused_is_counted_and_not_kept() -> None:

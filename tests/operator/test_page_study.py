@@ -12,7 +12,17 @@ import pytest
 pytest.importorskip("aiohttp")
 
 from console_browser import NO_GL, becomes, browsing, executable, shown, until
-from fake_desk import END, EXPERIMENTER, PROBE, QUESTIONS, TEXT, TOKEN, FakeDesk, form_step
+from fake_desk import (
+    END,
+    EXPERIMENTER,
+    OVERVIEW,
+    PROBE,
+    QUESTIONS,
+    TEXT,
+    TOKEN,
+    FakeDesk,
+    form_step,
+)
 from fake_gateway import FakeGateway
 from test_console_input_access import AUDIT, AXE
 
@@ -207,6 +217,21 @@ async def test_axe_finds_nothing_grave_on_any_screen(stage: Stage, npm: Any) -> 
                         assert await page.evaluate(AUDIT) == []
                     await page.set_viewport_size({"width": 1366, "height": 768})
                     await page.click("[data-do=theme]")
+
+
+async def test_what_needs_a_trial_is_off_without_one(stage: Stage) -> None:
+    """HRI-17: between trials none can be ended or void, and nothing made happen; nobody is asked
+    for a reason of what the desk then refuses."""
+    desk = FakeDesk(TEXT)
+    waits = {"trial": None, "time": None, "score": None, "panel": None, "robots": []}
+    desk.overview = {**OVERVIEW, **waits}
+    async with desk.serve() as port, stage.page(port, EXPERIMENTER) as page:
+        await page.wait_for_selector("[data-fact=participant]:has-text('K7QX')")
+        for name, off in (
+            *(("end-trial", True), ("void", True), ("inject", True)),
+            *(("next", False), ("end", False)),
+        ):
+            assert await page.locator(f"[data-do={name}]").is_disabled() == off, name
 
 
 async def test_the_experimenter_sees_and_orders(stage: Stage) -> None:

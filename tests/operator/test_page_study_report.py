@@ -13,11 +13,19 @@ from usarsim_study.synthetic import Plan, make_study
 CUT = "[...document.querySelectorAll('div')].filter(d => d.scrollWidth > d.clientWidth).length"
 
 
+@pytest.mark.parametrize(
+    "plan",
+    [
+        Plan(12, effect=0.8, seed=3),
+        Plan(4, effect=6.0, seed=1),
+        Plan(16, effect=8.0, seed=2),  # each p is < 0.001
+    ],
+)
 @pytest.mark.parametrize("width", [800, 1366])
-def test_no_column_of_a_table_is_cut(width: int, tmp_path: Path) -> None:
-    """Tables of numbers fit the page of a tablet and of a laptop (12 participants)."""
+def test_no_column_of_a_table_is_cut(width: int, plan: Plan, tmp_path: Path) -> None:
+    """Tables of numbers fit the page of a tablet and of a laptop, whatever is in them."""
     pytest.importorskip("scipy")
-    make_study(tmp_path / "made", Plan(12, effect=0.8, seed=3))
+    make_study(tmp_path / "made", plan)
     assert cli.main(["study", "report", str(tmp_path / "made")]) == 0
     with chromium(["--no-sandbox", "--disable-gpu"]) as browser:
         page = browser.new_page(viewport={"width": width, "height": 1200})

@@ -7,14 +7,18 @@ import re
 from pathlib import Path
 
 from desk_pages import STUDY, Seat, desk, write_study
+from logs import minute
 
 from usarsim_mission.match.conditions import Conditions
 from usarsim_study.assignment import Cell
 from usarsim_study.folder import StudyFolder
 from usarsim_study.session import screens
+from usarsim_study.session.attempt import Attempt
+from usarsim_study.session.desk import Desk, Run
 from usarsim_study.session.opening import consent_of
 from usarsim_study.session.staging import Options, prepare
 from usarsim_study.session.steps import Past, Session, Step, Task
+from usarsim_study.session.web import Web
 from usarsim_study.study_file import SHIPPED, Study, read_study
 
 DEVICES = STUDY.replace('name = "plain"', 'name = "plain"\ndevice = "keyboard"').replace(
@@ -53,6 +57,7 @@ class TestControls:
         for text in self.told(study, "delayed"):
             assert "hold RB and move the left stick to drive" in text
             assert "both sticks pressed stop everything" in text
+            assert "the keys M and then Enter, mark a victim" in text
             assert "Space" not in text
 
     def test_of_a_blind_study(self, tmp_path: Path) -> None:
@@ -160,6 +165,78 @@ class TestExperimenter:
         folder = StudyFolder(tmp_path)
         (one,) = folder.attempts(folder.participants()[0].code, "training")
         assert (one.status, one.reason) == ("passed", "pilot")
+
+
+class TestAroundATrial:
+    """What stands where the panel does, before the world runs and after its end."""
+
+    def test_the_experimenter_sees_that_it_waits(self, tmp_path: Path) -> None:
+        """And participants see that it has ended, not a console whose link is lost."""
+        heard: list[asyncio.Event] = []
+
+        def run(pages: Web) -> Run:
+            async def play(desk: Desk, step: Step) -> None:
+                assert step.task is not None
+                folder = desk.book.begin(step.task)
+                desk.refresh()
+                attempt = Attempt(desk, step, Options(), None)
+                attempt._open({"operator 1": "http://127.0.0.1:1/#a", "instructor": "http://i"})
+                for kind in ("trial_start", "trial_end"):
+                    heard.append(asyncio.Event())
+                    await heard[-1].wait()
+                    attempt._hear({"kind": kind, "t_sim": 1.0})
+                heard.append(asyncio.Event())
+                await heard[-1].wait()
+                desk.panels = None
+                minute().write(folder)
+                desk.book.close(folder, "complete", "")
+
+            return play
+
+        async def go() -> None:
+            async with (
+                desk(write_study(tmp_path), run) as room,
+                room.seat() as page,
+                room.experimenter() as leader,
+            ):
+                await page.press("Two ways")
+                await page.fill_in("experience", games=3)
+                await page.press("Trial 1")
+                await page.at("panel")
+                told = "trial 1 of 2: waits for a picture or the gamepad"
+                await leader.until(lambda one: one.get("now") == told)
+                before = len(leader.said)
+                heard[-1].set()
+                await leader.until(lambda one: one.get("now") == "trial 1 of 2", before)
+                assert page.step["kind"] == "panel"
+                heard[-1].set()
+                assert (await page.at("wait"))["text"] == "The trial has ended."
+                heard[-1].set()
+                await page.at("form", "workload")
+
+        asyncio.run(go())
+
+    def test_the_end_tells_the_code(self, tmp_path: Path) -> None:
+        """By which alone what is stored is found again, and can be deleted; however it ended."""
+        study = study_of(tmp_path, DEVICES)
+        session = Session(study, (Cell("plain", "A"), Cell("plain", "B")))
+        for status in ("complete", "withdrawn", "excluded"):
+            step = Step("end", None, 9, 0)
+            text = screens.message(session, Past(status=status), step, 1, "", "K7QX")["text"]
+            assert "Your code is K7QX." in text
+
+        async def go() -> None:
+            async with (
+                desk(write_study(tmp_path / "real")) as room,
+                room.seat() as page,
+                room.experimenter() as leader,
+            ):
+                await page.at("text")
+                await leader.ask("order", "done", do="end_session", reason="ill")
+                step = await page.at("end")
+                assert f"Your code is {step['session']}." in step["text"]
+
+        asyncio.run(go())
 
 
 async def pass_it(leader: Seat) -> None:

@@ -335,7 +335,7 @@ def test_two_operators_train_and_share(tmp_path: Path) -> None:
             await asyncio.gather(*(begin(page) for page in both))
             await together(both, "Training")
             assert (
-                "You touched 0 and marked 0 rightly. You can try 1 time more."
+                "You touched 0 things and marked 0 victims rightly. You can try 1 time more."
                 in ((await one.at("text", "Training"))["text"])
             )
             await together(both, "Training", 4.0)

@@ -263,11 +263,11 @@ class Desk:
         station = self._station
         if driven.move is not None:
             station.end_move(driven, "aborted", "driven by hand")
+        changed = driven.wheels != data
         if power == 0.0:
             driven.stop()
         else:
             driven.tell_motion(data, power)
-        changed = driven.wheels != data
         driven.wheels = data
         station.watchdog.drove(driven.name, page.id, power == 0.0, station.now)
         if changed:

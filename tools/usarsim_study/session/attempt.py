@@ -25,7 +25,7 @@ from usarsim_study.forms import FormState
 from usarsim_study.session.desk import RETRY, Desk
 from usarsim_study.session.notebook import broken, form_record
 from usarsim_study.session.probes import Scene, probe_form, probe_record
-from usarsim_study.session.screens import panel_line
+from usarsim_study.session.screens import many, panel_line
 from usarsim_study.session.staging import (
     Options,
     condition_of,
@@ -167,7 +167,8 @@ class Attempt:
         contacts, victims = values["K"] + values["C"], values["LO"]
         if contacts <= training.contacts and victims >= training.victims:
             return "passed", ""
-        return "failed", f"You touched {contacts:g} and marked {victims:g} rightly."
+        touched, marked = many(int(contacts), "thing"), many(int(victims), "victim")
+        return "failed", f"You touched {touched} and marked {marked} rightly."
 
     async def _close(self, folder: Any, status: TrialStatus, why: str) -> None:
         """Write how it ended, as soon as that can be written."""
@@ -200,6 +201,7 @@ class Attempt:
             "robots": list(self.scene.robots),
             "victims": list(self._victims),
         }
+        self.desk.panels.waits = self._options.waits and self.began is None
         self.desk.show()
         if self.desk.past.status != "running":
             self._end("aborted", self.desk.past.reason)
@@ -240,6 +242,12 @@ class Attempt:
         kind, panels = record["kind"], self.desk.panels
         if kind == "trial_start":
             self.began = float(record["t_sim"])
+            if panels is not None:
+                panels.waits = False
+        elif kind == "trial_end" and panels is not None:
+            # The console would say that its link is lost while the last files are written.
+            panels.over = f"The {self.task.kind} has ended."
+            self.desk.show()
         elif kind == "error":
             self._trouble = _short(str(record.get("text", "")))
         elif kind == "score":

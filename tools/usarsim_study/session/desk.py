@@ -174,10 +174,13 @@ class Desk:
                 return screens.form_message(probe.number, probe.form, state, 1, freeze=True)
             return screens.wait_message(probe.number, "Please wait for the other operator.")
         step = self.step(seat)
+        if step.kind == "panel" and self.panels is not None and self.panels.over:
+            return screens.wait_message(step.number, self.panels.over)
         if step.kind == "panel" and self.panels is not None and seat in self.panels.urls:
             return screens.panel_message(step.number, self.panels.urls[seat], self.panels.line)
         page = self._page_of(seat, step)
-        return screens.message(self.book.session, self._past, step, page, self._consent)
+        code = self.book.participant.code
+        return screens.message(self.book.session, self._past, step, page, self._consent, code)
 
     def _page_of(self, seat: int, step: Step) -> int:
         """The page of a form that is shown: where it goes on, or to where it was turned."""
@@ -208,6 +211,8 @@ class Desk:
             "number": step.number,
         }
         now, following = screens.plain(self.book.session, step, self._past)
+        if self.panels is not None and self.panels.waits:
+            now += ": waits for a picture or the gamepad"
         told = {
             "type": "overview",
             "now": "a question in the middle of the trial" if self.probe else now,

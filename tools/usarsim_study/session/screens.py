@@ -27,11 +27,11 @@ KEYS = (
 """What keys do unless they were changed: as the table of docs/console.md (a test compares them)."""
 PAD = (
     "hold RB and move the left stick to drive, A, B, X, Y choose a robot, LB slows down, both "
-    "sticks pressed stop everything; victims are marked by a double click on the map"
+    "sticks pressed stop everything; a double click on the map, or the keys M and then Enter, "
+    "mark a victim"
 )
 """What a pad does; as `KEYS`."""
 BEGIN, GO_ON, AGREE = "Begin", "Go on", "I agree"
-_CODE = "Your answers are kept under a code that was drawn at random."
 
 
 def device_line(study: Study, step: Step) -> str:
@@ -134,22 +134,28 @@ def panel_message(number: int, url: str, line: str) -> Message:
     return {"type": "step", "step": number, "kind": "panel", "url": url, "line": line}
 
 
-def end_message(number: int, past: Past) -> Message:
-    """The session is over."""
+def end_message(number: int, past: Past, code: str) -> Message:
+    """The session is over; code: of the participant, by which all that is stored is found again."""
     texts = {
         "excluded": "The training was not passed, so the session ends here. Thank you for coming.",
         "withdrawn": "The session was ended. Thank you for coming.",
     }
-    text = texts.get(past.status, f"That was all. Thank you for taking part.\n\n{_CODE}")
+    told = (
+        f"Your code is {code}. What you did and answered is stored under it, without your name. "
+        "Note the code: to have all of it deleted, tell the experimenter this code."
+    )
+    text = texts.get(past.status, "That was all. Thank you for taking part.") + f"\n\n{told}"
     return {"type": "step", "step": number, "kind": "end", "title": "The end", "text": text}
 
 
-def message(session: Session, past: Past, step: Step, page: int, consent: str) -> Message:
+def message(
+    session: Session, past: Past, step: Step, page: int, consent: str, code: str = ""
+) -> Message:
     """What stands before a seat, panels apart.
 
     Args:
         session: the plan. past: what has happened. step: what stands there.
-        page: of a form, from 1. consent: the text to agree to.
+        page: of a form, from 1. consent: the text to agree to. code: of the participant.
     """
     study, number = session.study, step.number
     match step.kind:
@@ -171,7 +177,7 @@ def message(session: Session, past: Past, step: Step, page: int, consent: str) -
         case "wait":
             return wait_message(number, "Please wait for the other operator.")
         case "end":
-            return end_message(number, past)
+            return end_message(number, past, code)
 
 
 def _ready(session: Session, past: Past, step: Step) -> Message:
@@ -185,21 +191,22 @@ def _ready(session: Session, past: Past, step: Step) -> Message:
         training = study.training
         assert training is not None
         lines.append(
-            f"Drive without touching more than {_many(training.contacts, 'thing')}, and mark "
-            f"{_many(training.victims, 'victim')}."
+            f"Drive without touching more than {many(training.contacts, 'thing')}, and mark "
+            f"{many(training.victims, 'victim')}."
         )
         if attempts and attempts[-1].status == "failed":
             left = training.attempts - sum(one.status == "failed" for one in attempts)
-            lines.insert(0, f"{attempts[-1].reason} You can try {_many(left, 'time')} more.")
+            lines.insert(0, f"{attempts[-1].reason} You can try {many(left, 'time')} more.")
     else:
         title = f"Trial {task.number} of {len(session.order)}"
         lines.append("Find as many victims as you can, and mark each one that you see.")
     if attempts and attempts[-1].status == "void":
         why = "" if attempts[-1].reason == CUT_OFF else " by a fault"
         lines.insert(0, f"The last attempt was interrupted{why}; it does not count.")
-    lines.append("It begins as soon as you say so.")
+    lines.append(f"It begins when you press {BEGIN}.")
     return text_message(step.number, title, "\n\n".join(one for one in lines if one), BEGIN)
 
 
-def _many(count: int, what: str) -> str:
+def many(count: int, what: str) -> str:
+    """A count with its noun."""
     return f"{count} {what}" + ("" if count == 1 else "s")

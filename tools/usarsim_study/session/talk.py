@@ -59,6 +59,7 @@ class Panels:
         line: above it. end: ends it, by what status and why; `complete`: it counts as it is.
         inject: makes something happen; why it did not. begin: lets it wait for nobody any more;
             False where it does not wait. watch: how it goes, for overviews.
+        waits: the world stands until pages are ready. over: what pages show from its end on.
     """
 
     step: int
@@ -68,6 +69,8 @@ class Panels:
     inject: Callable[[dict[str, Any]], Awaitable[str]]
     begin: Callable[[], bool] = lambda: False
     watch: Message = field(default_factory=dict)
+    waits: bool = False
+    over: str = ""
 
 
 def read_object(text: str) -> Message:

@@ -48,7 +48,7 @@ export class Experimenter {
       "pass_training",
     ),
   );
-  /** What ends something. */
+  /** What a trial or training must run for. */
   private readonly ending = [
     button("End this trial", "end-trial", () =>
       this.reason(
@@ -66,15 +66,16 @@ export class Experimenter {
         "void",
       ),
     ),
-    button("End the session", "end", () =>
-      this.reason(
-        "End the session?",
-        "The participant withdraws; what is on disk stays.",
-        "End it",
-        "end_session",
-      ),
-    ),
   ];
+  private readonly leave = button("End the session", "end", () =>
+    this.reason(
+      "End the session?",
+      "The participant withdraws; what is on disk stays.",
+      "End it",
+      "end_session",
+    ),
+  );
+  private readonly happen = h("button", { type: "submit", "data-do": "inject" }, "Do it");
   private rows = "";
   /** A form stands before the participant. */
   private asks = false;
@@ -131,7 +132,9 @@ export class Experimenter {
     this.fact("next", told.next ?? "–");
     this.pass.hidden = !told.training || status !== "running";
     say(this.next, status === "running" ? "Next step" : "Next participant");
-    for (const one of this.ending) one.disabled = status !== "running";
+    for (const one of [...this.ending, this.happen])
+      one.disabled = status !== "running" || !told.panel;
+    this.leave.disabled = status !== "running";
     say(this.trouble, told.trouble ?? "");
     this.watch.hidden = !told.panel;
     if (told.panel && this.watch.href !== told.panel) this.watch.href = told.panel;
@@ -171,6 +174,7 @@ export class Experimenter {
       this.next,
       this.pass,
       ...this.ending,
+      this.leave,
       this.watch,
       this.trouble,
     );
@@ -231,7 +235,7 @@ export class Experimenter {
       about,
       said,
       h("label", {}, h("span", {}, "lasts, s"), lasts),
-      h("button", { type: "submit", "data-do": "inject" }, "Do it"),
+      this.happen,
     );
     form.addEventListener("submit", (event) => {
       event.preventDefault();
