@@ -91,8 +91,11 @@ async def test_a_form_holds_up_and_loses_nothing(stage: Stage) -> None:
         assert await page.evaluate(where) == "physical"
         assert "5 answers are missing" in await page.text_content("[data-note]")
         assert [one for one in desk.texts if one["type"] == "hand_in"] == []
+        height = "document.querySelector('[data-item=physical]').offsetHeight"
+        before = await page.evaluate(height)
         await page.click("[data-item=physical] [data-value='35']")
         await until(lambda: desk.state.answers == {"mental": 10, "physical": 35})
+        assert await page.evaluate(height) == before, "what stands below must not jump"
         assert await page.evaluate("location.hash") == ""
         await page.reload()
         await becomes(page, "document.querySelectorAll('[data-item] :checked').length === 2")

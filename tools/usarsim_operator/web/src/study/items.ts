@@ -42,8 +42,9 @@ export function field(id: string, item: Item, first: Value | undefined, changed:
   const element = h("section", { class: "item", "data-item": item.name, "data-kind": item.kind });
   const point = (missing: boolean): void => {
     mark(element, "data-missing", missing);
-    fault.hidden = !missing;
-    say(fault, missing ? control.fault?.() || "Please answer this." : "");
+    // Once shown it keeps its line: what stands below must not jump from under the next click.
+    fault.hidden &&= !missing;
+    say(fault, missing ? control.fault?.() || "Please answer this." : "\u00a0");
     for (const input of control.inputs) mark(input, "aria-invalid", missing ? "true" : null);
   };
   const told = (value: Value | null): void => {
