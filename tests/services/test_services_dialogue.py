@@ -308,7 +308,6 @@ def test_what_is_asked_again_within_an_instant_gets_the_same_text() -> None:
     town = Town()
     span = Instant(0.02, lambda: town.people)
     desk = Desk("test", responder(town.answers), DialogueLimits(), span, lambda: town.now)
-    desk.open()
 
     async def ask(lines: list[bytes]) -> bytes:
         ours, theirs = socket.socketpair()
@@ -348,7 +347,6 @@ def test_what_is_known_of_an_instant_is_told_at_once() -> None:
 
     limits = DialogueLimits(share=math.inf)
     desk = Desk("test", responder(town.answers), limits, Instant(0.0, int, known))
-    desk.open()
 
     async def look_on() -> None:
         while not busy.is_set():

@@ -214,11 +214,8 @@ class RenderLoop:
     def _run(self) -> None:
         try:
             while self._wait_until_wanted():
-                painter = self._open()
-                try:
-                    self._render(painter)
-                finally:
-                    painter.close()
+                # In a call of its own: what it holds is gone before free pages are given back.
+                self._render_while_wanted()
                 trim()
         except UsarsimError as error:
             _log.debug("cameras end", reason=error)  # the physics has ended
@@ -226,6 +223,13 @@ class RenderLoop:
             _log.exception("the camera thread died", error)
         finally:
             self._refuse()
+
+    def _render_while_wanted(self) -> None:
+        painter = self._open()
+        try:
+            self._render(painter)
+        finally:
+            painter.close()
 
     def _wait_until_wanted(self) -> bool:
         """Wait without a renderer; returns False when the loop is to end."""

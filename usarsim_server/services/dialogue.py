@@ -13,7 +13,6 @@ import asyncio
 import socket
 import time
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -30,8 +29,8 @@ from usarsim_server.services.budget import (
     WorkBudget,
     whole_share,
 )
+from usarsim_server.services.idle_threads import IdleThreads
 from usarsim_server.services.limits import input_cost
-from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.port import Guest, PortLimits, PortService, refuse
 from usarsim_server.services.replies import PIECE, ReplyBuffer
 
@@ -123,7 +122,7 @@ class Desk:
         clock: Clock = time.monotonic,
         pace: Callable[[], float] = whole_share,
     ) -> None:
-        """Make a desk; nobody works at it before `open`.
+        """Make a desk; its threads begin with the first question.
 
         Args:
             name: of the service.
@@ -134,25 +133,19 @@ class Desk:
             pace: which part of the share may be used now.
         """
         self.budget = WorkBudget(limits.share, pace=pace)
-        self._name = name
         self._respond = respond
         self._limits = limits
         self._instant = instant or Instant()
         self._clock = clock
-        self._executor: ThreadPoolExecutor | None = None
+        self._threads = IdleThreads(name, _WORKERS)
         self._kept: dict[bytes, bytes] = {}
         self._kept_bytes = 0
         self._kept_since = 0.0
         self._kept_version: object = None
 
-    def open(self) -> None:
-        """Start the threads."""
-        self._executor = ThreadPoolExecutor(_WORKERS, thread_name_prefix=self._name)
-
     def close(self) -> None:
         """Let the threads end."""
-        if self._executor is not None:
-            self._executor.shutdown(wait=False, cancel_futures=True)
+        self._threads.close()
 
     async def answer(self, lines: list[bytes], replies: ReplyBuffer, account: Account) -> int:
         """Send the replies to lines in their order; returns how many there were.
@@ -204,11 +197,10 @@ class Desk:
             yield reply
 
     async def _work_out(self, lines: list[bytes], account: Account) -> list[bytes]:
-        loop = asyncio.get_running_loop()
         if not self._limits.together:
             lines = lines[:1]
         begun = self._clock()
-        replies, cost = await loop.run_in_executor(self._executor, self._measured, lines)
+        replies, cost = await self._threads.run(self._measured, lines)
         self.budget.charge(account, cost + HOP_COST)
         for line, reply in zip(lines, replies, strict=True):
             self._keep(line, reply, begun)
@@ -272,11 +264,6 @@ class DialogueService(PortService[DialogueLimits]):
         super().__init__(name, host, port, option, limits or DialogueLimits(), required)
         self._framer = framer
         self._desk = Desk(name, respond, self._limits, instant, pace=pace)
-
-    async def start(self) -> Endpoint:
-        endpoint = await super().start()
-        self._desk.open()
-        return endpoint
 
     async def stop(self) -> None:
         await super().stop()

@@ -16,7 +16,6 @@ import asyncio
 import socket
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
@@ -31,6 +30,7 @@ from usarsim_server.protocol.images import (
     raw_row_length,
 )
 from usarsim_server.services.budget import Account, WorkBudget, whole_share
+from usarsim_server.services.idle_threads import IdleThreads
 from usarsim_server.services.limits import READ_COST, InputRates
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.port import Guest, Guests, PortLimits, PortService
@@ -181,13 +181,13 @@ class _PictureCache:
         self._drawn = False  # whether the renderer has shown anything
         self._log = log
         self._loop = asyncio.get_running_loop()
-        self._threads = ThreadPoolExecutor(_ENCODERS, "image-encoder")
+        self._threads = IdleThreads("image-encoder", _ENCODERS)
         self._under_way: dict[tuple[int, Region], asyncio.Future[tuple[memoryview, float]]] = {}
         self._complained = False
 
     def close(self) -> None:
         """Let the threads end; nobody may ask any more."""
-        self._threads.shutdown(wait=False, cancel_futures=True)
+        self._threads.close()
 
     def empty(self) -> bytes:
         """The answer to a rectangle outside the frame."""
@@ -223,7 +223,7 @@ class _PictureCache:
         """The reply for a region of a frame; a grey one for None. Who asks first pays for it."""
         if frame is None:
             grey = partial(self._encoder.grey, region)
-            message, cost = await self._loop.run_in_executor(self._threads, _timed, grey)
+            message, cost = await self._threads.run(_timed, grey)
             self.budget.charge(account, cost)
             return message
         found = self._encoder.found(frame, region)
@@ -233,7 +233,7 @@ class _PictureCache:
         work = self._under_way.get(key)
         if work is None:
             encode = partial(self._encoder.encode, frame, region)
-            work = self._loop.run_in_executor(self._threads, _timed, encode)
+            work = self._threads.run(_timed, encode)
             self._under_way[key] = work
             work.add_done_callback(lambda done: self._finished(key, done, account))
         # Others may wait for the same picture when this client goes.

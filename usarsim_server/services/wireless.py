@@ -151,7 +151,6 @@ class WirelessService(PortService[WirelessLimits]):
         ours = descriptor_limit() // 2
         self._most_ports = min(self._limits.ports, ours // 2)
         self._traffic.most = min(self._limits.links, ours // 4)
-        self._desk.open()
         self._watch.start()
         return endpoint
 
