@@ -71,14 +71,14 @@ def services_of(assembly: Assembly) -> tuple[Service, ...]:
     tells = settings.truth == "on"
     obstacles = SceneryObstacles(simulation)
     span = INSTANT / settings.speed
-    truth = GroundTruth(robots.stations, obstacles, span, lambda: robots.vehicles)
+    truth = GroundTruth(robots.stations, obstacles, span, lambda: robots.changes)
     ground_truth = responder(truth.answers)
     victims, roles = assembly.surroundings.victims, assembly.roles
     actors = Actors(simulation, robots.classes, victims, roles.avatars, roles.objects)
     pace = _pace(settings, simulation)
     recent = Instant(span, truth.version, ready(truth.at_once))
     positions = partial(ground_truth_service, respond=ground_truth, instant=recent)
-    listed = Instant(span, lambda: robots.vehicles)
+    listed = Instant(span, lambda: robots.changes)
     poses = partial(truth_service, answer=actors.answer, instant=listed)
     ports = (("groundtruth_port", positions, DialogueLimits()), ("truth_port", poses, TRUTH_LIMITS))
     for key, service, limits in ports:

@@ -7,6 +7,7 @@ Numbers in docstrings are those of the side channels reference, section 11.
 
 from __future__ import annotations
 
+import gc
 import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,6 +18,7 @@ from signalled import finished
 
 from usarsim_server.base.errors import SettingsError
 from usarsim_server.options import load_settings
+from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.testing import (
     ScriptedClient,
     ServerProcess,
@@ -347,3 +349,29 @@ def test_the_switch_stands_in_files_too(tmp_path: Path) -> None:
     assert load_settings({"truth": "on"}, file).truth == "on"
     with pytest.raises(SettingsError, match="truth"):
         load_settings({"truth": "perhaps"})
+
+
+def test_services_that_were_asked_keep_no_robot_that_has_left() -> None:
+    """Nor, with it, a former model of the world; until somebody asks again."""
+
+    def kept() -> bool:
+        gc.collect()
+        return any(isinstance(one, Vehicle) and one.name == "Leaver" for one in gc.get_objects())
+
+    settings = dict.fromkeys(("groundtruth_port", "truth_port", "wireless_port"), 0)
+    with running_server(world="empty", **settings) as (assembly, endpoints):
+        client = ScriptedClient(endpoints["control"].port)
+        client.send("INIT {ClassName USARBot.P3AT} {Location 0,0,-0.3} {Name Leaver}")
+        client.wait_for("STA {")
+        for name, question in (
+            ("groundtruth", "GETPOS"),
+            ("truth", "{Actors}"),
+            ("wireless", "GETPOS"),
+        ):
+            with ScriptedClient(endpoints[name].port) as asker:
+                asker.send(question)
+                asker.wait_for(lambda line: "Leaver" in line or "P3AT" in line)
+        assert kept()
+        client.close()
+        assert eventually(lambda: not assembly.robots.vehicles)
+        assert eventually(lambda: not kept())

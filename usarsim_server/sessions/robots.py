@@ -159,6 +159,7 @@ class Robots:
         self._lock = threading.Lock()
         self._models: dict[str, RobotModel] = {}
         self._vehicles: dict[int, Vehicle] = {}
+        self._changes = 0
         self._labels = Labels("fleet")
         self._label_of_thing: Callable[[int], str | None] = _nameless
         self._number_of_thing: Callable[[str], int | None] = _unknown
@@ -169,6 +170,13 @@ class Robots:
         """All vehicles in the world, in the order of spawning."""
         with self._lock:
             return tuple(self._vehicles.values())
+
+    @property
+    def changes(self) -> int:
+        """How often a vehicle has come or gone; what remembers this keeps no vehicle that has left
+        and, with it, no former model of the world."""
+        with self._lock:
+            return self._changes
 
     def classes(self) -> list[tuple[int, RobotDescription]]:
         """Number in the simulation and class of all robots, in the order of spawning."""
@@ -255,6 +263,7 @@ class Robots:
                 placed,
             )
             self._vehicles[robot] = vehicle
+            self._changes += 1
         if placed.position != pose.position:
             _log.info("spawn place was blocked, moved", robot=label, to=placed.position)
         return vehicle
@@ -341,6 +350,7 @@ class Robots:
         with self._lock:
             if self._vehicles.pop(vehicle.robot, None) is None:
                 return
+            self._changes += 1
             self._labels.give_back(vehicle.name)
             self.board.remove_robot(vehicle.robot)
         self._simulation.remove(vehicle.robot)
