@@ -51,9 +51,6 @@ class Usage:
     """s of processor time that this very process has used so far."""
     busy: float
     """s of processor time that all programs of the machine have used so far."""
-    mapped: int = 0
-    """Bytes of `resident` that are pages of files (programs, libraries), which the system drops and
-    reads again as it needs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,16 +72,14 @@ def usage(pid: int) -> Usage:
     try:
         with (process := psutil.Process(pid)).oneshot():
             times = process.cpu_times()
-            memory = process.memory_info()
             return Usage(
                 wall=time.perf_counter(),
                 cpu=times.user + times.system,
-                resident=memory.rss,
+                resident=process.memory_info().rss,
                 threads=process.num_threads(),
                 descriptors=process.num_fds(),
                 own_cpu=time.process_time(),
                 busy=busy_seconds(),
-                mapped=getattr(memory, "shared", 0),
             )
     except psutil.Error as error:
         raise BenchError(f"process {pid} is gone ({type(error).__name__})") from None
