@@ -11,12 +11,12 @@ from hostile.attackers import ATTACKS
 
 from benchmarks.console import ITEMS
 from benchmarks.suite import ALL, LONG, MEASUREMENTS, QUICK, QUICK_SECONDS, take
-from usarsim_bench.figures import Plan, Report
-from usarsim_bench.report import as_json, as_markdown, as_text
+from usarsim_bench.command import between, hand_out, say
+from usarsim_bench.figures import Plan
 from usarsim_bench.server import BenchError
 from usarsim_server import __version__
 from usarsim_server.base.errors import UsarsimError
-from usarsim_server.cli.common import Subparsers, add_command, written
+from usarsim_server.cli.common import Subparsers, add_command
 
 _EPILOG = (
     "Measurements start servers of their own, on free ports, and take the clients' side "
@@ -79,24 +79,13 @@ def run(arguments: argparse.Namespace) -> int:
         robots=getattr(arguments, "robots", None),
         seconds=getattr(arguments, "seconds", QUICK_SECONDS if name == "quick" else None),
         world=getattr(arguments, "world", "arena"),
-        say=_say,
+        say=say,
         brief=brief,
         only=tuple(getattr(arguments, "only", ())),
     )
     names = {"all": ALL, "quick": QUICK}.get(name, (name,))
     report = take(names, plan, __version__)
-    return _hand_out(report, arguments)
-
-
-def _hand_out(report: Report, arguments: argparse.Namespace) -> int:
-    print(as_text(report))
-    for name, form in (("json", as_json), ("markdown", as_markdown)):
-        if (file := getattr(arguments, name, None)) is not None:
-            with written(file) as page:
-                page.write(form(report).encode())
-    if report.failed:
-        raise UsarsimError(f"could not be measured: {', '.join(report.failed)} (reasons above)")
-    return 0
+    return hand_out(report, arguments)
 
 
 def _add_measurement(kinds: Subparsers, name: str, help_text: str) -> None:
@@ -159,14 +148,14 @@ def _run_peers(arguments: argparse.Namespace) -> int:
     plan = Plan(
         robots=getattr(arguments, "robots", None),
         seconds=getattr(arguments, "seconds", None),
-        say=_say,
+        say=say,
     )
     try:
         only = tuple(arguments.only or ())
         report = comparing.compare(plan, __version__, only, arguments.keep)
     except BenchError as error:
         raise UsarsimError(str(error)) from error
-    return _hand_out(report, arguments)
+    return hand_out(report, arguments)
 
 
 def _add_options(parser: argparse.ArgumentParser, world: bool = True) -> None:
@@ -176,7 +165,12 @@ def _add_options(parser: argparse.ArgumentParser, world: bool = True) -> None:
             flag, metavar=metavar, type=kind, default=argparse.SUPPRESS, help=help_text
         )
 
-    add("--robots", "N", _robots, f"size of the team, 1 to {_MOST_ROBOTS} (default: its own)")
+    add(
+        "--robots",
+        "N",
+        between(1, _MOST_ROBOTS),
+        f"size of the team, 1 to {_MOST_ROBOTS} (default: its own)",
+    )
     add(
         "--seconds",
         "S",
@@ -189,21 +183,10 @@ def _add_options(parser: argparse.ArgumentParser, world: bool = True) -> None:
     add("--markdown", "FILE", Path, "write the report as Markdown too")
 
 
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
-
-
 def _item(text: str) -> str:
     if text.lower() not in ITEMS:
         raise argparse.ArgumentTypeError(f"no item {text} (choose from {', '.join(ITEMS)})")
     return text.lower()
-
-
-def _robots(text: str) -> int:
-    number = int(text)
-    if not 1 <= number <= _MOST_ROBOTS:
-        raise argparse.ArgumentTypeError(f"must be from 1 to {_MOST_ROBOTS}, not {number}")
-    return number
 
 
 def _above_zero(most: float, unit: float = 1.0) -> Callable[[str], float]:

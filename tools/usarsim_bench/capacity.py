@@ -26,6 +26,7 @@ SETTLE = 2.0
 EDGE = 0.25
 """Part of a measurement at either end of which the promptest line is taken."""
 MOST_CAMERAS = 16
+"""Tiles of a server that is told nothing of them."""
 RATE = 15.0
 """Pictures per second of a camera (15 in the original, side channels reference 2.6)."""
 PRESENT = 8
@@ -73,7 +74,8 @@ def measure_cameras(plan: Plan) -> Section:
     """Pictures that each of many image clients gets; `plan.seconds` of wall time for each size."""
     seconds = plan.seconds or SECONDS
     figures = []
-    for cameras in plan.sizes((1, 4, MOST_CAMERAS), 1):
+    for wanted in plan.sizes((1, 4, MOST_CAMERAS), 1):
+        cameras = min(wanted, MOST_CAMERAS)
         plan.say(f"cameras: {cameras} for {seconds:g} s")
         with ExitStack() as stack:
             server = stack.enter_context(Server(plan.world, cameras))
@@ -85,7 +87,7 @@ def measure_cameras(plan: Plan) -> Section:
                         server.port_of("images"), (320 * (n % 4), 240 * (n // 4), 320, 240), RATE
                     )
                 )
-                for n in range(min(cameras, MOST_CAMERAS))
+                for n in range(cameras)
             ]
             for viewer in viewers:
                 viewer.wait()
@@ -93,7 +95,7 @@ def measure_cameras(plan: Plan) -> Section:
             start, stop = crowd.run(seconds)
             load = load_between(before, server.usage())
             seen = [summed_up(one.pictures, start, stop) for one in viewers]
-        name = f"{cameras} watched: " if cameras > 1 else "1 watched: "
+        name = f"{cameras} watched: "
         aim = PICTURES_AIM if cameras <= 4 else None
         figures += [
             Figure(f"{name}pictures of a camera, fewest", min(s.news for s in seen), "1/s", 1, aim),
@@ -110,7 +112,11 @@ def measure_cameras(plan: Plan) -> Section:
 
 
 def measure_inits(plan: Plan) -> Section:
-    """How soon newcomers are served, alone and many at once, and how late others' lines get."""
+    """How soon newcomers are served, alone and many at once, and how late others' lines get.
+
+    Raises:
+        BenchError: if a newcomer is not served, or those who are there say hardly anything.
+    """
     crowded = plan.robots or TEAMS[1]
     plan.say(f"inits: {NEWCOMERS} alone, {crowded} at once")
     with (
@@ -131,7 +137,10 @@ def measure_inits(plan: Plan) -> Section:
         crowd.run(SETTLE)
         slowest = max(_delay(one) for one in at_once)
         told = [times for one in present for times in streams(one.chunks).values()]
-    late = max(longest_extra_gap(times, *gap) for times in told for gap in gaps)
+    try:
+        late = max(longest_extra_gap(times, *gap) for times in told for gap in gaps)
+    except ValueError as error:
+        raise BenchError(f"too few lines of those who are there: {error}") from None
     return Section(
         "inits",
         "Newcomers",
@@ -170,7 +179,11 @@ def _watched(server: Server, crowd: Crowd, seconds: float) -> tuple[float, Load]
 
 
 def _delay(newcomer: Controller) -> float:
-    """s from INIT to the first SEN."""
+    """s from INIT to the first SEN.
+
+    Raises:
+        BenchError: if there is none.
+    """
     came = first_reading(newcomer.chunks)
     if came is None:
         raise BenchError(f"no SEN line for {newcomer.name} after {SETTLE:g} s")

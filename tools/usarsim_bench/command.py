@@ -64,7 +64,7 @@ def between(least: float, most: float) -> Callable[[str], float]:
     def read(text: str) -> float:
         number = int(text) if isinstance(least, int) else float(text)
         if not least <= number <= most:
-            raise argparse.ArgumentTypeError(f"must be from {least:g} to {most:g}")
+            raise argparse.ArgumentTypeError(f"must be from {least:g} to {most:g}, not {number:g}")
         return number
 
     return read
@@ -82,12 +82,20 @@ def run(arguments: argparse.Namespace) -> int:
             f"no measurement {unknown[0]!r} (known: {', '.join(MEASUREMENTS)}; measurements for "
             "developers: make bench, in a checkout)"
         )
-    plan = Plan(arguments.robots, arguments.seconds, arguments.world, say=_say)
+    plan = Plan(arguments.robots, arguments.seconds, arguments.world, say=say)
     machine, now = describe_machine(__version__), datetime.now(UTC)
-    report = Report(machine, now, tuple(_take(name, plan) for name in names))
+    return hand_out(Report(machine, now, tuple(_take(name, plan) for name in names)), arguments)
+
+
+def hand_out(report: Report, arguments: argparse.Namespace) -> int:
+    """Print a report and write it to the files of `--json` and `--markdown`; returns 0.
+
+    Raises:
+        UsarsimError: if a file cannot be written, or a measurement could not be taken.
+    """
     print(as_text(report))
     for name, form in (("json", as_json), ("markdown", as_markdown)):
-        if (file := getattr(arguments, name)) is not None:
+        if (file := getattr(arguments, name, None)) is not None:
             with written(file) as page:
                 page.write(form(report).encode())
     if report.failed:
@@ -102,5 +110,6 @@ def _take(name: str, plan: Plan) -> Section:
         return Section(name, name.capitalize(), "", (), str(error))
 
 
-def _say(text: str) -> None:
+def say(text: str) -> None:
+    """Print a line of progress to standard error."""
     print(text, file=sys.stderr, flush=True)
