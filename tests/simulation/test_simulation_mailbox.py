@@ -69,6 +69,21 @@ def test_requests_keep_their_order() -> None:
     assert seen == list(range(100))
 
 
+def test_requests_that_come_meanwhile_wait() -> None:
+    mail = Mailbox()
+    done: list[int] = []
+
+    def again() -> None:
+        done.append(len(done))
+        mail.post(again)
+
+    mail.post(again)
+    mail.obey()
+    assert done == [0]
+    mail.obey()
+    assert done == [0, 1]
+
+
 def test_many_threads_ask_at_once() -> None:
     """No answer is lost or mixed up when many threads ask."""
     answers: dict[int, list[int]] = {}

@@ -218,6 +218,8 @@ class Walker(Role):
 
     def _halt(self) -> Stance:
         """Stand still where one is, and strike off what is done; how one stands."""
+        if not self._walk.legs:
+            return self._walk.stance(self._walk.begin)
         moment: list[float] = []
 
         def stop(time: float) -> Walk:
@@ -229,11 +231,10 @@ class Walker(Role):
         except KeyError:  # it has left the world
             return self._walk.first
         done = self._walk.leg_at(moment[0])
-        if self._walk.legs:
-            numbers = {leg.number for leg in self._walk.legs[done:]}
-            self._errands = tuple(
-                errand for number, errand in enumerate(self._errands) if number in numbers
-            )
+        numbers = {leg.number for leg in self._walk.legs[done:]}
+        self._errands = tuple(
+            errand for number, errand in enumerate(self._errands) if number in numbers
+        )
         self._walk = stopped
         return stopped.first
 

@@ -54,9 +54,12 @@ class Mailbox:
         return not self._requests
 
     def obey(self) -> None:
-        """Carry out everything that has come; an action that fails is logged and left."""
-        while self._requests:
-            action, _ = self._requests.popleft()
+        """Carry out everything that has come; an action that fails is logged and left.
+
+        What comes meanwhile waits, so that those who ask again and again do not stop the world.
+        """
+        for _ in range(len(self._requests)):
+            action, _answer = self._requests.popleft()
             try:
                 action()
             except Exception as error:

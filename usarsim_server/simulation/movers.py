@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -62,6 +63,9 @@ class MovingBodies(Part):
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
+        self._bodies = mocap_bodies(model)
+        self._index = {model.body(body).name: n for n, body in enumerate(self._bodies)}
+        """Row in `mocap_pos` of each body that may be moved, by its name."""
         self.movers: tuple[Mover, ...] = ()
         """Those of the world."""
         self._watched = False
@@ -72,7 +76,7 @@ class MovingBodies(Part):
         """Simulated time up to which a look finds that nothing is near."""
         self._told = False
         """Whether steps have been made since something was put elsewhere, which they find out."""
-        self._find()
+        self._change()
 
     def replace(self, movers: Sequence[Mover], watched: bool = False) -> None:
         """Replace the movers of the world; a body that nobody moves any more stays.
@@ -84,10 +88,9 @@ class MovingBodies(Part):
         Raises:
             ValueError: if a body does not exist or is no mocap body; the old ones stay.
         """
-        for mover in movers:
-            _mocap_id(self._model, mover.body)
+        self._check(movers)
         self.movers, self._watched = tuple(movers), watched
-        self._find()
+        self._change()
 
     def follow(self, owner: int, movers: Sequence[Mover]) -> None:
         """Replace the movers of one robot or thing; none is fine.
@@ -97,12 +100,11 @@ class MovingBodies(Part):
         """
         if not (movers or owner in self._followers):
             return
-        for mover in movers:
-            _mocap_id(self._model, mover.body)
+        self._check(movers)
         self._followers.pop(owner, None)
         if movers:
             self._followers[owner] = tuple(movers)
-        self._find()
+        self._change()
 
     def inherit(
         self, older: MovingBodies, slots: Sequence[int], data: mujoco.MjData, old: mujoco.MjData
@@ -110,36 +112,60 @@ class MovingBodies(Part):
         """Go on with the same movers, whose bodies have other numbers now."""
         self.movers, self._followers = older.movers, older._followers
         self._epoch, self._watched = older._epoch, older._watched
-        self._find()
+        self._change()
 
     def restart(self, time: float) -> None:
         """Let the bodies of the world go their ways from the beginning, which is now (s)."""
         self._epoch = time
-        self._find()
+        self._change()
+
+    def _check(self, movers: Sequence[Mover]) -> None:
+        for name in (mover.body for mover in movers):
+            if name not in self._index:
+                known = mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_BODY, name) >= 0
+                what = "is no mocap body" if known else "does not exist"
+                raise ValueError(f"body {name!r} cannot be moved: it {what}")
+
+    def _change(self) -> None:
+        """Look for the bodies of all movers before the next step; it takes up to 1 ms."""
+        self._found = False
+        self._placed = self._clear = -math.inf
 
     def _find(self) -> None:
+        if self._found:
+            return
+        self._found = True
         model = self._model
         movers = [Mover(one.body, since(self._epoch, one.pose)) for one in self.movers]
         movers += [*(one for own in self._followers.values() for one in own)]
-        self._ways = [(_mocap_id(model, mover.body), mover.pose) for mover in movers]
-        bodies = mocap_bodies(model)[np.array([index for index, _ in self._ways], dtype=np.intp)]
+        self._ways = [(self._index[mover.body], mover.pose) for mover in movers]
+        bodies = self._bodies[np.array([index for index, _ in self._ways], dtype=np.intp)]
         row_of_body = np.full(model.nbody, -1)
         row_of_body[bodies] = np.arange(len(bodies))
-        self._row_of_geom = row_of_body[model.body_rootid[model.geom_bodyid]]
+        self._row_of_geom = row_of_body[self._root_of_geom]
         self._measure_reach([index for index, _ in self._ways], bodies)
         self._timestep = float(model.opt.timestep)
         self._ahead: tuple[float, list[Pose]] = (-math.inf, [])
-        self._placed = self._clear = -math.inf
         # The last row, number -1, stands for everything that has no mover.
         self._origin = np.zeros((len(movers) + 1, 3))
         self._twist = np.zeros((len(movers) + 1, 6))
+
+    @cached_property
+    def _root_of_geom(self) -> NDArray[np.int32]:
+        model = self._model
+        roots: NDArray[np.int32] = model.body_rootid[model.geom_bodyid]
+        return roots
+
+    @cached_property
+    def _spheres(self) -> tuple[NDArray[np.intp], Array, dict[int, int]]:
+        return bounding_spheres(self._model)
 
     def _measure_reach(self, indices: list[int], bodies: NDArray[np.intp]) -> None:
         """How near the roots of all trees may come to each body without touching it."""
         self._mocap = np.array(indices, dtype=np.intp)
         if not indices:
             return
-        roots, radii, number = bounding_spheres(self._model)
+        roots, radii, number = self._spheres
         own = radii[[number.get(int(body), -1) for body in bodies]]
         own[[int(body) not in number for body in bodies]] = 0.0
         loose = self._model.body_mocapid[roots] < 0
@@ -168,6 +194,7 @@ class MovingBodies(Part):
     def _look(self, data: mujoco.MjData) -> None:
         """Place the bodies and see whether anything may come near one of them before the next
         look; unless that is known from the last one."""
+        self._find()
         time = data.time
         if time < self._clear:
             return
@@ -189,6 +216,7 @@ class MovingBodies(Part):
 
     def apply(self, data: mujoco.MjData, time: float) -> None:
         """Put all bodies where they are at a time."""
+        self._find()
         if not self._ways or time == self._placed:
             return
         self._placed = time
@@ -304,12 +332,3 @@ def carry_over(
 def _find(model: mujoco.MjModel, name: str) -> int:
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
     return int(model.body_mocapid[body]) if body >= 0 else -1
-
-
-def _mocap_id(model: mujoco.MjModel, name: str) -> int:
-    index = _find(model, name)
-    if index < 0:
-        known = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) >= 0
-        what = "is no mocap body" if known else "does not exist"
-        raise ValueError(f"body {name!r} cannot be moved: it {what}")
-    return index
