@@ -181,6 +181,28 @@ def _orders(site: Site) -> Sequence[Link]:
     ]
 
 
+ODD = (b"nan", b"-inf", b"1e308", b"-1e308", b"5e-324", b"0x1F", b"", b"9" * 400, b"1e-310")
+"""Numbers that are none, are too large, too small, written otherwise, or very long."""
+
+
+def _odd_numbers(site: Site) -> Sequence[Link]:
+    classes = ("P3AT", "P2AT", "Kenaf", "AirRobot", "P3AT_arm", "Sedan")
+    orders = b"".join(
+        b"DRIVE {Left %s} {Right %s}\r\nDRIVE {Name Wheel1} {Steer %s}\r\n"
+        b"SET {Type Joint} {Name CameraPan} {Opcode Angle} {Params %s}\r\n"
+        b"MISPKG {Name CameraPanTilt} {Rotation %s,%s,0}\r\n" % ((odd,) * 6)
+        for odd in ODD
+    )
+
+    def hello(number: int) -> bytes:
+        name, kind = b"Odd%d" % number, classes[number % len(classes)]
+        nowhere = b" {Location 0,%s,0}" % ODD[number % len(ODD)]
+        return robot(name, kind, nowhere) + robot(name, kind)
+
+    port = site.ports["control"]
+    return [Link(port, hello(number), orders, every=0.1, reads=True) for number in range(34)]
+
+
 def _avatars(site: Site) -> Sequence[Link]:
     hello = b"INIT {ClassName USARAvatar.USARAvatarNewMale} {Name Person%d} {Location %d,3,-1}\r\n"
     walk = (
@@ -281,6 +303,13 @@ CONTROL_ATTACKS = (
         growth=128 * MIB,
     ),
     Attack("orders", "4 robots are sent orders for their every part at full speed", _orders),
+    Attack(
+        "odd-numbers",
+        "34 robots of six classes are told numbers that are none",
+        _odd_numbers,
+        growth=128 * MIB,
+        least=40.0,
+    ),
     Attack("avatars", "6 avatars are sent about at full speed", _avatars),
     Attack("half-closed", "8 robots and clients of all ports that never send again", _half_closed),
     holding("held", "control"),
