@@ -135,7 +135,7 @@ def test_a_full_port() -> None:
     """Who looks keeps its place; a newcomer is turned away and served when there is room."""
 
     async def test() -> None:
-        async with serving(FakeFeed(), limits=SceneLimits(max_connections=2)) as (port, connect):
+        async with serving(FakeFeed(), limits=SceneLimits(subscribers=2)) as (port, connect):
             one, other = await connect(), await connect()
             with pytest.raises((HangupError, OSError)):
                 await connect()
@@ -143,6 +143,19 @@ def test_a_full_port() -> None:
             await until(lambda: port.connections == 1)
             await (await connect()).close()
             await other.close()
+
+    run(test())
+
+
+def test_who_has_not_said_hello_makes_room_at_once() -> None:
+    async def test() -> None:
+        async with serving(FakeFeed(), limits=SceneLimits(max_connections=2)) as (port, connect):
+            with contextlib.ExitStack() as stack:
+                for _ in range(2):
+                    address = ("127.0.0.1", PORTS[port])
+                    stack.enter_context(socket.create_connection(address))
+                await until(lambda: port.connections == 2)
+                await (await asyncio.wait_for(connect(), 2.0)).close()
 
     run(test())
 
@@ -165,7 +178,7 @@ def test_two_hundred_who_say_nothing_hold_no_place() -> None:
                     break
                 except (HangupError, OSError):
                     await asyncio.sleep(0.05)
-            assert port.connections <= limits.max_connections
+            await until(lambda: port.connections <= limits.max_connections)
             await live.close()
             for client in silent:
                 client.close()

@@ -76,6 +76,7 @@ class Guest:
     standing: Callable[[], bool] = _nobody
     """Whether it may be silent and stay even if the port is full."""
     patient: bool = field(default=False)  # whether it may be silent, but makes room
+    unknown: bool = field(default=False)  # whether it makes room at once: it has not said hello
 
 
 class Guests:
@@ -131,7 +132,11 @@ class Guests:
     def make_room(self) -> bool:
         """End the connection of the one who has been silent longest; False if all have reasons."""
         limit = self._clock() - GRACE
-        silent = [one for one in self._guests if one.heard <= limit and not one.standing()]
+        silent = [
+            one
+            for one in self._guests
+            if (one.unknown or one.heard <= limit) and not one.standing()
+        ]
         if not silent:
             return False
         self._dismiss(min(silent, key=lambda one: one.heard), "silent, and the port is full")

@@ -55,7 +55,8 @@ FAREWELL_BYTES = 2 << 20
 class SceneLimits(PortLimits):
     """What the clients of the scene port may use."""
 
-    max_connections: int = 16
+    subscribers: int = 16  # clients that have said hello
+    max_connections: int = 64  # they and those that have not
     receive_buffer: int | None = 8 * 1024
     send_buffer: int | None = 64 * 1024
     rate: float = 100.0
@@ -112,6 +113,7 @@ class ScenePort(PortService[SceneLimits]):
         self._channels = {**own, **(channels or {})}
         self._requests: dict[str, Request] = {"rate": self._change_rate, **(requests or {})}
         self._board = Board(feed)
+        self._subscribers = 0
 
     async def start(self) -> Endpoint:
         """See `PortService.start`."""
@@ -127,6 +129,7 @@ class ScenePort(PortService[SceneLimits]):
 
     async def _serve(self, client: socket.socket, peer: str) -> None:
         with self._guests.enter(peer) as guest:
+            guest.unknown = True
             talk = _Conversation(client, peer, guest, self)
             try:
                 await talk.run()
@@ -144,6 +147,8 @@ class ScenePort(PortService[SceneLimits]):
         given = hello.token.encode("utf-8", "surrogatepass")
         if self._token is not None and not hmac.compare_digest(given, self._token.encode()):
             raise SceneError("the token is wrong")
+        if self._subscribers >= self._limits.subscribers:
+            raise SceneError(f"too many clients (at most {self._limits.subscribers})")
         welcome = {
             "type": "welcome",
             "version": VERSION,
@@ -158,6 +163,15 @@ class ScenePort(PortService[SceneLimits]):
         """What it asked for, in the order of the table: a pose comes after who it is of."""
         wanted = subscriber.hello.channels
         return (make(subscriber) for name, make in self._channels.items() if name in wanted)
+
+    @contextlib.contextmanager
+    def counting(self) -> Iterator[None]:
+        """A client that has said hello has one of the places inside."""
+        self._subscribers += 1
+        try:
+            yield
+        finally:
+            self._subscribers -= 1
 
     async def answer(self, subscriber: Subscriber, fields: Mapping[str, object]) -> bytes:
         """The reply to a request."""
@@ -209,10 +223,10 @@ class _Conversation:
             return
         subscriber, welcome = self._port.greet(fields, self._peer)
         # It may be silent from now on, and keeps its place.
-        self._guest.standing = lambda: True
-        await self._send(welcome)
+        self._guest.standing, self._guest.unknown = lambda: True, False
         subscriptions = []
-        with subscriber.leaving as stack:
+        with subscriber.leaving as stack, self._port.counting():
+            await self._send(welcome)
             for one in self._port.subscribe(subscriber):
                 stack.callback(one.close)
                 subscriptions.append(one)
