@@ -27,6 +27,7 @@ from usarsim_server.cameras.view import Grid
 from usarsim_server.ports import services_of
 from usarsim_server.protocol.values import name_key
 from usarsim_server.robots.catalog import load_catalog
+from usarsim_server.scene.supervision import Supervision
 from usarsim_server.services.limits import SpawnGate, address_of
 from usarsim_server.services.port import Service, run_services
 from usarsim_server.sessions.dispatcher import Dispatcher
@@ -36,7 +37,6 @@ from usarsim_server.sessions.robots import Robots
 from usarsim_server.sessions.roles import RoleOptions, Roles
 from usarsim_server.sessions.schedule import REPORT_GRID, UNPACED_GRID
 from usarsim_server.sessions.session import Session
-from usarsim_server.sessions.supervision import Supervision
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.growth import share_heaps
 from usarsim_server.simulation.model import PhysicsOptions

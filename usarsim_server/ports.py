@@ -11,13 +11,17 @@ from typing import TYPE_CHECKING
 
 from usarsim_server.base.logs import Log
 from usarsim_server.cameras.encoding import Encoder
-from usarsim_server.cameras.feed import SceneFeed
 from usarsim_server.protocol import messages
 from usarsim_server.radio.configuration import RadioOptions, read_radio, read_radio_file
 from usarsim_server.radio.event_log import EventLog
 from usarsim_server.radio.network import Network, RadioWorld
 from usarsim_server.radio.obstacles import SceneryObstacles
 from usarsim_server.robots.description import RobotDescription
+from usarsim_server.scene.feed import Census, SceneFeed
+from usarsim_server.scene.supervision_channels import Supervisor
+from usarsim_server.scene.truth_channel import TruthChannel
+from usarsim_server.scene.truth_feed import TruthFeed
+from usarsim_server.scene.truth_rows import Being, TruthRows
 from usarsim_server.services.budget import Owners, Pace, WorkBudget, whole_share
 from usarsim_server.services.comserver import ComServerLimits, ComServerService
 from usarsim_server.services.control import ControlLimits, ControlService
@@ -35,18 +39,13 @@ from usarsim_server.services.images import ImageService
 from usarsim_server.services.port import Service
 from usarsim_server.services.relay import LinkOptions
 from usarsim_server.services.scene_port import ScenePort
-from usarsim_server.services.scene_supervision import Supervisor
-from usarsim_server.services.scene_truth import TruthChannel
 from usarsim_server.services.wireless import WirelessLimits, WirelessService
-from usarsim_server.sessions.census import Census
 from usarsim_server.sessions.outbox import OutboxLimits
 from usarsim_server.sessions.reset import put_back
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.simulation import Simulation
-from usarsim_server.truth.feed import TruthFeed
 from usarsim_server.truth.ground_truth import Actors, GroundTruth
-from usarsim_server.truth.rows import Being, TruthRows
 
 if TYPE_CHECKING:  # which makes these
     from usarsim_server.app import Assembly

@@ -12,7 +12,7 @@ from test_film import ABOVE, RED, SCENE, Session, expected, film, kind, middle
 
 from usarsim_operator.film.smoke import Balls
 from usarsim_server.base.files import data_directory
-from usarsim_server.cameras.primitives import Primitives
+from usarsim_server.scene.primitives import Primitives
 from usarsim_server.simulation.model import PhysicsOptions, compile_world
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene

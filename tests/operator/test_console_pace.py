@@ -14,7 +14,7 @@ from console_browser import Stage, becomes, staged
 
 from usarsim_operator.observers import MissionRow
 from usarsim_operator.roles import Role
-from usarsim_server.services import scene_supervision
+from usarsim_server.scene import supervision_channels
 from usarsim_server.testing import PATIENCE
 
 pytestmark = pytest.mark.slow
@@ -41,7 +41,7 @@ async def test_steps_of_a_paused_world_raise_no_alarm(
 
     The clock's own telling comes too late here to help.
     """
-    monkeypatch.setattr(scene_supervision, "TICK", 100.0 * PATIENCE)
+    monkeypatch.setattr(supervision_channels, "TICK", 100.0 * PATIENCE)
     async with stage.page(Role.INSTRUCTOR, name="Ina") as page:
         await pause(page)
         station = stage.gateway.station

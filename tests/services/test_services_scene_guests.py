@@ -16,7 +16,7 @@ from scene_harness import LARGE, PORTS, FakeFeed, everything, instant, run, serv
 from usarsim_client import HangupError
 from usarsim_client.scene import Poses
 from usarsim_server.protocol.scene import Instant, message
-from usarsim_server.services.scene_channels import Subscriber
+from usarsim_server.scene.channels import Subscriber
 from usarsim_server.services.scene_port import SceneLimits
 
 

@@ -12,8 +12,8 @@ from scene_harness import LARGE, FakeFeed, instant, run, serving, until
 from usarsim_client import HangupError
 from usarsim_client.scene import Poses, Present, Scene
 from usarsim_server.protocol.scene import Hello, SceneError, message
-from usarsim_server.services import scene_channels
-from usarsim_server.services.scene_channels import Board, Subscriber, Subscription
+from usarsim_server.scene import channels
+from usarsim_server.scene.channels import Board, Subscriber, Subscription
 from usarsim_server.services.scene_port import SceneLimits
 
 
@@ -116,7 +116,7 @@ def test_a_higher_rate_holds_at_once() -> None:
     async def test() -> None:
         subscriber, clock = Subscriber("peer", Hello("", ("poses",), 0.1)), [100.0]
         board = Board(FakeFeed())
-        poses = scene_channels.Poses(board, subscriber)
+        poses = channels.Poses(board, subscriber)
         poses._clock = lambda: clock[0]
         told = (0.0, 0.1, True), (5.0, 0.1, True), (1.0, 0.1, False), (0.1, 30.0, True)
         for wait, rate, due in told:

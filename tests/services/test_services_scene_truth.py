@@ -12,11 +12,11 @@ from scene_harness import everything, until
 from usarsim_client import HangupError
 from usarsim_client.scene import TruthRow, connect_scene
 from usarsim_server.protocol.scene import message
-from usarsim_server.services.scene_channels import SceneSource
+from usarsim_server.scene.channels import SceneSource
+from usarsim_server.scene.truth_channel import TruthChannel
+from usarsim_server.scene.truth_feed import Reader, TruthFeed
 from usarsim_server.services.scene_port import SceneLimits, ScenePort
-from usarsim_server.services.scene_truth import TruthChannel
 from usarsim_server.testing import PATIENCE
-from usarsim_server.truth.feed import Reader, TruthFeed
 
 
 class FakeFeed:

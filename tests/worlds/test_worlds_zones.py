@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from world_files import HEAD, START, VICTIM, nameless, write_world
 
 from usarsim_server.base.errors import WorldError
-from usarsim_server.cameras.primitives import Primitives
 from usarsim_server.radio.obstacles import SceneryObstacles
+from usarsim_server.scene.primitives import Primitives
 from usarsim_server.simulation.model import CompiledWorld, PhysicsOptions, compile_world
 from usarsim_server.simulation.rays.scenery import StaticGeometry
 from usarsim_server.worlds.loader import load_world

@@ -15,7 +15,7 @@ import contextlib
 import hmac
 import socket
 from collections import deque
-from collections.abc import Awaitable, Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from usarsim_server.protocol.scene import (
@@ -27,19 +27,20 @@ from usarsim_server.protocol.scene import (
     read_hello,
     read_rate,
 )
-from usarsim_server.services.limits import READ_COST
-from usarsim_server.services.listener import Endpoint
-from usarsim_server.services.port import Guest, PortLimits, PortService
-from usarsim_server.services.relay import both_ways
-from usarsim_server.services.scene_channels import (
+from usarsim_server.scene.channels import (
     Board,
     Channel,
     Poses,
+    Request,
     Scene,
     SceneSource,
     Subscriber,
     Subscription,
 )
+from usarsim_server.services.limits import READ_COST
+from usarsim_server.services.listener import Endpoint
+from usarsim_server.services.port import Guest, PortLimits, PortService
+from usarsim_server.services.relay import both_ways
 
 CHUNK = 4096
 """Bytes read at a time."""
@@ -68,10 +69,6 @@ class SceneLimits(PortLimits):
         """Memory of a client's own, without the kernel's buffers: a message that is not whole yet,
         with what it is copied into, and one reply. Frames of the world belong to all."""
         return 3 * LONGEST + 2 * CHUNK
-
-
-Request = Callable[[Subscriber, Mapping[str, object]], Awaitable[Mapping[str, object]]]
-"""Does what a client asks for; returns further keys of the reply. `SceneError`: why not."""
 
 
 class ScenePort(PortService[SceneLimits]):

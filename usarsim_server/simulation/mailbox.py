@@ -58,8 +58,10 @@ class Mailbox:
 
         What comes meanwhile waits, so that those who ask again and again do not stop the world.
         """
-        for _ in range(len(self._requests)):
-            action, _answer = self._requests.popleft()
+        count = len(self._requests)
+        while count and self._requests:
+            count -= 1
+            action, _ = self._requests.popleft()
             try:
                 action()
             except Exception as error:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Protocol
 
 from usarsim_server.protocol.scene import LEAST_RATE, MOST_RATE, Hello, Instant
@@ -75,6 +75,8 @@ class Subscription(Protocol):
 
 Channel = Callable[[Subscriber], Subscription]
 """Makes the subscription of a client."""
+Request = Callable[[Subscriber, Mapping[str, object]], Awaitable[Mapping[str, object]]]
+"""Does what a client asks for; returns further keys of the reply. `SceneError`: why not."""
 
 
 class Board:

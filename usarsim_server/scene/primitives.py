@@ -17,7 +17,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.cameras.assets import (
+from usarsim_server.cameras.looks import SMOKE_GREY
+from usarsim_server.cameras.posed_model import Stage, lamp_place
+from usarsim_server.cameras.shading import PLAIN, Paint
+from usarsim_server.cameras.spectators import named_viewpoints
+from usarsim_server.scene.assets import (
     TEXTURE_BYTES,
     Message,
     hfield,
@@ -26,10 +30,6 @@ from usarsim_server.cameras.assets import (
     texture,
     vector,
 )
-from usarsim_server.cameras.looks import SMOKE_GREY
-from usarsim_server.cameras.posed_model import Stage, lamp_place
-from usarsim_server.cameras.shading import PLAIN, Paint
-from usarsim_server.cameras.spectators import named_viewpoints
 from usarsim_server.simulation.frames import Pose, pose_of
 from usarsim_server.simulation.model import SHELF_NAME, CompiledWorld
 from usarsim_server.worlds.description import Smoke, WorldDescription

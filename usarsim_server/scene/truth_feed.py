@@ -17,9 +17,9 @@ from typing import Protocol
 
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.base.logs import Log
+from usarsim_server.scene.truth_rows import Being, Moment, TruthRows, victim_of
 from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.simulation.snapshot import Snapshot
-from usarsim_server.truth.rows import Being, Moment, TruthRows, victim_of
 
 PERIOD = 0.1
 """Simulated s between two rows."""

@@ -19,12 +19,11 @@ from typing import TYPE_CHECKING
 
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.protocol.scene import SceneError, message, read_number, read_text
-from usarsim_server.services.scene_channels import Channel, Subscriber
-from usarsim_server.services.scene_port import Request
+from usarsim_server.scene.channels import Channel, Request, Subscriber
 
 if TYPE_CHECKING:  # which stand on the physics
+    from usarsim_server.scene.supervision import Supervision
     from usarsim_server.sessions.session import Session
-    from usarsim_server.sessions.supervision import Supervision
     from usarsim_server.sessions.tap import Row
     from usarsim_server.simulation.simulation import Simulation
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from usarsim_server.services.scene_channels import Subscriber
+from usarsim_server.scene.channels import Subscriber
 from usarsim_server.sessions.outbox import Grace, Outbox
 
 if TYPE_CHECKING:  # which stands on the physics
-    from usarsim_server.truth.feed import TruthFeed
+    from usarsim_server.scene.truth_feed import TruthFeed
 
 
 class TruthChannel:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from usarsim_server.base.files import data_directory
 from usarsim_server.cameras.posed_model import Stage
-from usarsim_server.cameras.primitives import Described, Primitives
 from usarsim_server.robots.catalog import load_catalog
+from usarsim_server.scene.primitives import Described, Primitives
 from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.frames import Pose, Vector, pose_of
 from usarsim_server.simulation.model import (

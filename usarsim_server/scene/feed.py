@@ -18,11 +18,14 @@ from numpy.typing import NDArray
 
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.base.logs import Log
-from usarsim_server.cameras.primitives import Described, Primitives
 from usarsim_server.protocol.scene import MOST_RATE, Frames, Instant, message, pose_frame
+from usarsim_server.scene.primitives import Described, Primitives
+from usarsim_server.sessions.robots import Robots
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.snapshot import Snapshot
+from usarsim_server.worlds.avatars.avatars import Avatars
 from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.objects.objects import WorldObjects
 
 STILL = 1.0
 """s of wall time after which a world that stands still is told of again."""
@@ -51,7 +54,7 @@ class Identity:
     class_name: str
 
 
-Census = Callable[[Snapshot], Mapping[int, Identity]]
+Identities = Callable[[Snapshot], Mapping[int, Identity]]
 """Everybody that there is, by number in the simulation; must return at once."""
 
 
@@ -83,7 +86,7 @@ class SceneFeed:
         self,
         simulation: WorldSource,
         description: WorldDescription,
-        census: Census,
+        census: Identities,
         marks: Callable[[int], frozenset[str]],
         pace: Callable[[], float],
     ) -> None:
@@ -253,3 +256,23 @@ class SceneFeed:
 def _frames(name: str, described: Described) -> Frames:
     assets = tuple((one, message(fields)) for one, fields in described.assets.items())
     return (*assets, (name, message(described.message)))
+
+
+class Census:
+    """Everybody by number in the simulation; may be called by any thread, returns at once."""
+
+    def __init__(self, robots: Robots, avatars: Avatars, objects: WorldObjects) -> None:
+        """Know where everybody is to be found."""
+        self._robots, self._avatars, self._objects = robots, avatars, objects
+
+    def __call__(self, snapshot: Snapshot) -> dict[int, Identity]:
+        """Robots, avatars and objects of clients, those of the snapshot at least."""
+        found = {
+            one.robot: Identity("robot", one.name, one.description.name)
+            for one in self._robots.vehicles
+        }
+        for avatar, _ in self._avatars.present(snapshot):
+            found[avatar.body] = Identity("avatar", avatar.name, avatar.kind.name)
+        for thing, _ in self._objects.present(snapshot):
+            found[thing.body] = Identity("object", thing.name, thing.kind.name)
+        return found
