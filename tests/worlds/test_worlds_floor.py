@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from world_files import HEAD, START, write_world
 
-from usarsim_server.worlds.floor import Ground, Reached, Size
+from usarsim_exploration.floor import Ground, Reached, Size
 from usarsim_server.worlds.loader import load_world
 
 BOUNDS = "[bounds]\nlower = [-5, -5, -1]\nupper = [5, 5, 5]\n"

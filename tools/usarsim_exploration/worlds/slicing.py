@@ -36,7 +36,7 @@ def slice_world(folder: Path, rules: Rules) -> World:
     Raises:
         WorldError: naming the file, what is wrong, and the cure.
     """
-    from usarsim_server.worlds.floor import EYE, Ground
+    from usarsim_exploration.floor import EYE, Ground
 
     description = load_world(folder)
     facts = description.extra.get(EXTRA)

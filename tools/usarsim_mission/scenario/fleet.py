@@ -7,12 +7,12 @@ from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
 
+from usarsim_exploration.floor import Size
 from usarsim_mission.model import Fan
 from usarsim_server.robots.catalog import RobotCatalog, load_catalog
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sensors.base import TYPES
 from usarsim_server.simulation.frames import rpy_from_quaternion
-from usarsim_server.worlds.floor import Size
 
 FLOORLESS = frozenset({"aerial", "underwater", "static"})
 """Kinds that do not drive on the floor."""

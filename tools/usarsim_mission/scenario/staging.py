@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_exploration.floor import EYE, Ground, Reached
 from usarsim_mission import model
 from usarsim_mission.errors import MissionError
 from usarsim_mission.grid import FREE, WALL, Grid
@@ -38,7 +39,6 @@ from usarsim_server.base.toml import toml_text
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.simulation.frames import Pose, rpy_from_quaternion
 from usarsim_server.worlds.description import StartPose, Victim, WorldDescription, Zone
-from usarsim_server.worlds.floor import EYE, Ground, Reached
 from usarsim_server.worlds.loader import SHEET
 from usarsim_server.worlds.surroundings import LiveVictim
 
