@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from hostile.attackers import ATTACKS
 
-from usarsim_operator.gate import LOG_RATE, GateLimits
+from usarsim_report.gate import LOG_RATE, GateLimits
 from usarsim_server.base import logs
 from usarsim_server.cameras.view import Grid
 from usarsim_server.cli.serve import add_parser

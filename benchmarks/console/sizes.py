@@ -38,7 +38,7 @@ def extra(plan: Plan) -> list[Figure]:
 
 async def page_and_scene(rig: Rig, _: Plan) -> list[Figure]:
     """The files of the page, and the scene of the world with its robots, as they are loaded."""
-    from usarsim_operator.serving import PAGE
+    from usarsim_report.serving import PAGE
 
     files = [path for path in sorted(PAGE.glob("*")) if path.suffix in _LOADED]
     if not files:

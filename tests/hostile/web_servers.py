@@ -127,6 +127,6 @@ async def _desk(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    from usarsim_operator.serving import until_interrupted
+    from usarsim_report.serving import until_interrupted
 
     asyncio.run(until_interrupted(_desk(Path(sys.argv[1]))))

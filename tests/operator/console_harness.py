@@ -11,11 +11,12 @@ from typing import Any
 
 import aiohttp
 
-from usarsim_operator.gate import gated
 from usarsim_operator.pulse import Pulse
-from usarsim_operator.roles import Role, hosts_of
+from usarsim_operator.roles import Role
 from usarsim_operator.station import Settings, Station
 from usarsim_operator.web import Web
+from usarsim_report.gate import gated
+from usarsim_report.serving import hosts_of
 from usarsim_server.testing import PATIENCE
 
 Message = dict[str, Any]

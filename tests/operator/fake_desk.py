@@ -15,7 +15,7 @@ from typing import Any
 from aiohttp import WSMsgType, web
 from fake_gateway import PAGE
 
-from usarsim_operator.page_files import page_file, page_headers
+from usarsim_report.page_files import page_file, page_headers
 from usarsim_study.errors import StudyError
 from usarsim_study.forms import Form, FormState, Item
 from usarsim_study.instruments import nasa_tlx, nasa_tlx_weighted, sart, sus

@@ -19,7 +19,7 @@ from typing import Any
 from aiohttp import WSMsgType, web
 from PIL import Image, ImageDraw
 
-from usarsim_operator.page_files import page_headers
+from usarsim_report.page_files import page_headers
 
 PAGE = Path(__file__).parents[2] / "tools" / "usarsim_operator" / "page"
 ROOM = 6.0  # half the side of the room, m

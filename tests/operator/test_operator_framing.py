@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("aiohttp")
 
-from usarsim_operator.page_files import page_file, page_headers
+from usarsim_report.page_files import page_file, page_headers
 
 
 def ancestors(*hosts: str) -> str:

@@ -20,9 +20,9 @@ pytest.importorskip("aiohttp")
 import aiohttp
 from aiohttp import web
 
-from usarsim_operator import gate as gates
-from usarsim_operator.gate import Gate, GateLimits, admit, gated
 from usarsim_operator.places import NoPlaceError, PagePlaces
+from usarsim_report import gate as gates
+from usarsim_report.gate import Gate, GateLimits, admit, gated
 from usarsim_server.testing import PATIENCE
 
 BODY = b"x" * 8_000_000

@@ -20,9 +20,10 @@ from usarsim_operator.arbiter import ANSWER_TIME, Arbiter, Outcome
 from usarsim_operator.messages import FIELDS, PageError
 from usarsim_operator.motion import by_class
 from usarsim_operator.occupancy import OccupancyMap
-from usarsim_operator.roles import REFUSALS, Limits, Role, Tokens, foreign, hosts_of
+from usarsim_operator.roles import REFUSALS, Limits, Role, Tokens
 from usarsim_operator.telemetry import Telemetry
 from usarsim_operator.watchdog import DRIVE_TIME, Watchdog
+from usarsim_report.serving import foreign, hosts_of
 
 Log = list[tuple[str, dict[str, object]]]
 

@@ -29,12 +29,11 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the file."""
-    import usarsim_operator
     from usarsim_mission.sharing.file import SHARED, share
+    from usarsim_report.serving import PAGE
 
-    page = Path(usarsim_operator.__file__).parent / "page"
     out = arguments.out or arguments.folder / SHARED
-    size, detail = share(arguments.folder, out, page, arguments.blind)
+    size, detail = share(arguments.folder, out, PAGE, arguments.blind)
     scenery = "with scenery" if detail.scenery else "without scenery"
     print(f"SHARED {out} {size / 1e6:.2f} MB, {detail.rate:g} poses a second, {scenery}")
     return 0

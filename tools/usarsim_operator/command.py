@@ -19,9 +19,9 @@ from usarsim_operator.serving import (
     need,
     port_number,
     serve,
-    until_interrupted,
 )
 from usarsim_operator.signals import BASE
+from usarsim_report.serving import until_interrupted
 from usarsim_server.base.addresses import bare_host, split_address
 from usarsim_server.base.private import secret
 from usarsim_server.cli.common import Subparsers, add_command

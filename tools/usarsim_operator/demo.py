@@ -12,8 +12,8 @@ from usarsim_operator.serving import (
     has_page,
     need,
     serve,
-    until_interrupted,
 )
+from usarsim_report.serving import until_interrupted
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cli.common import Subparsers, add_command
 

@@ -1,12 +1,11 @@
-"""Who may look and who may act: tokens of three roles, origins, and how much a page may say."""
+"""Who may look and who may act: tokens of three roles, and how much a page may say."""
 
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from urllib.parse import urlsplit
 
 LONGEST = 64 * 1024
 """Bytes of a text of a page."""
@@ -93,42 +92,6 @@ class Tokens:
         """The role of an `Authorization: Bearer` header."""
         scheme, _, token = (header or "").partition(" ")
         return self.role(token.strip()) if scheme.lower() == "bearer" else None
-
-
-def hosts_of(address: str, port: int) -> frozenset[str]:
-    """Values of `Host` under which a gateway at an address is reached.
-
-    A gateway at a loopback address, or at all of them, is `localhost`, too. At all addresses of a
-    machine the names of that machine cannot be known: name them by an option.
-    """
-    names = {address}
-    if address in ("127.0.0.1", "::1", "0.0.0.0", "::", "localhost"):
-        names |= {"127.0.0.1", "localhost", "::1"}
-    shown = {f"[{name}]" if ":" in name else name for name in names}
-    ported = {f"{name}:{port}" for name in shown}
-    return frozenset(ported | shown) if port == 80 else frozenset(ported)
-
-
-def foreign(headers: Mapping[str, str], hosts: Iterable[str], *, origin: bool) -> str:
-    """Why a request does not come from our own page; empty if it does.
-
-    Args:
-        headers: of the request.
-        hosts: values of `Host` under which the gateway is reached.
-        origin: whether `Origin` must be there, as browsers send it with a WebSocket.
-    """
-    known = {host.lower() for host in hosts}
-    if (headers.get("Host") or "").lower() not in known:
-        return "this Host is not served here"
-    given = headers.get("Origin")
-    if given is None:
-        return "no Origin" if origin else ""
-    try:
-        parts = urlsplit(given)
-    except ValueError:
-        return "this Origin may not come in"
-    same = parts.netloc.lower() == (headers.get("Host") or "").lower()
-    return "" if same and parts.scheme in ("http", "https") else "this Origin may not come in"
 
 
 @dataclass(slots=True)

@@ -6,25 +6,21 @@ import argparse
 import asyncio
 import contextlib
 import os
-import sys
-import webbrowser
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from usarsim_client import ProtocolError
-from usarsim_operator.roles import Role, Tokens, hosts_of
+from usarsim_operator.roles import Role, Tokens
 from usarsim_operator.tokens import kept_tokens
+from usarsim_report.serving import PAGE, hosts_of, open_browser
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.base.extras import need as need_libraries
-from usarsim_server.base.processes import GRACE, calling
 
 if TYPE_CHECKING:
     from usarsim_operator.station import Settings, Station
 
-PAGE = Path(__file__).parent / "page"
-"""Where the built page is."""
 FIRST_ANSWERS = 2.0
 """s of wall time that robots may take to say what they are, before pages are let in."""
 
@@ -112,20 +108,6 @@ def has_page() -> bool:
     return (PAGE / "index.html").is_file()
 
 
-async def until_interrupted(work: Coroutine[Any, Any, None], grace: float = GRACE) -> None:
-    """Do something until it ends, or until SIGINT or SIGTERM cancels it.
-
-    Args:
-        work: what. grace: s of wall time that it gets to tidy up.
-    """
-    task, loop = asyncio.ensure_future(work), asyncio.get_running_loop()
-    with (
-        calling(lambda: loop.call_soon_threadsafe(task.cancel), grace),
-        contextlib.suppress(asyncio.CancelledError),
-    ):
-        await task
-
-
 async def serve(settings: Settings, serving: Serving) -> None:
     """Serve pages of a station of its own until cancelled.
 
@@ -167,8 +149,8 @@ async def served(
     Raises:
         UsarsimError: if the port cannot be had.
     """
-    from usarsim_operator.gate import gated
     from usarsim_operator.web import Web
+    from usarsim_report.gate import gated
 
     tokens = tokens or Tokens(seats=serving.seats)
     pages = Web(station, tokens=tokens, framed_by=serving.framed_by)
@@ -196,14 +178,3 @@ async def _known(station: Station) -> None:
                 if all(one.learned for one in station.robots.values() if one.own):
                     return
                 await asyncio.sleep(0.01)
-
-
-async def open_browser(url: str) -> None:
-    """Open a browser, unless it would take over a terminal."""
-    shown = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
-    opened = False
-    if shown or sys.platform in ("darwin", "win32"):
-        with contextlib.suppress(webbrowser.Error, OSError):
-            opened = await asyncio.to_thread(webbrowser.open, url)
-    if not opened:
-        print("no browser could be opened: open one of these addresses", file=sys.stderr)

@@ -14,17 +14,17 @@ from aiohttp import WSCloseCode, WSMsgType, web
 from aiohttp.typedefs import Middleware
 
 from usarsim_operator import messages
-from usarsim_operator.gate import admit
 from usarsim_operator.impaired_link import ImpairedLink
 from usarsim_operator.messages import PageError
-from usarsim_operator.page_files import page_file, page_headers
 from usarsim_operator.pages import Page
 from usarsim_operator.places import NoPlaceError, PagePlaces
 from usarsim_operator.requests import Desk
-from usarsim_operator.roles import LONGEST, Role, Tokens, foreign
-from usarsim_operator.serving import PAGE
+from usarsim_operator.roles import LONGEST, Role, Tokens
 from usarsim_operator.station import Station
 from usarsim_operator.watchdog import DRIVE_TIME
+from usarsim_report.gate import admit
+from usarsim_report.page_files import page_file, page_headers
+from usarsim_report.serving import PAGE, foreign
 from usarsim_server.base.private import same_user
 
 MOST_PAGES = 64

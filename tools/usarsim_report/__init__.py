@@ -1,1 +1,1 @@
-"""What writes results for people: films."""
+"""What shows results to people: films, and pages that a program of this machine serves."""

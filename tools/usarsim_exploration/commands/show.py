@@ -179,7 +179,7 @@ def serve(tape: Tape, work: Callable[[GoesOn], object], port: int = 0) -> None:
         UsarsimError: of the work, or the port cannot be had.
     """
     from usarsim_exploration.showing.page import show
-    from usarsim_operator.serving import until_interrupted
+    from usarsim_report.serving import until_interrupted
 
     asyncio.run(until_interrupted(show(tape, work, port)))
 

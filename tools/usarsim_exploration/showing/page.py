@@ -16,10 +16,9 @@ from aiohttp.typedefs import Handler
 from usarsim_exploration.showing.overlays import OVERLAYS
 from usarsim_exploration.showing.picture import draw, png
 from usarsim_exploration.showing.tape import Tape
-from usarsim_operator.gate import GateLimits, gated
-from usarsim_operator.page_files import page_file, page_headers
-from usarsim_operator.roles import foreign, hosts_of
-from usarsim_operator.serving import PAGE, open_browser
+from usarsim_report.gate import GateLimits, gated
+from usarsim_report.page_files import page_file, page_headers
+from usarsim_report.serving import PAGE, foreign, hosts_of, open_browser
 
 HOST = "127.0.0.1"
 _LIMITS = GateLimits(share=1.0)  # who looks is who started it, and pictures are drawn for each

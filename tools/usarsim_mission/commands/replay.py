@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _run(arguments: argparse.Namespace, out: Path) -> int:
     from usarsim_mission.match.replaying import differences, read_logged, replay
-    from usarsim_operator.serving import until_interrupted
+    from usarsim_report.serving import until_interrupted
 
     then, results = read_logged(arguments.folder), []
 

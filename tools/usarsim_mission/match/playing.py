@@ -25,7 +25,8 @@ from usarsim_mission.scenario.description import Scenario
 from usarsim_mission.scenario.reader import find_mission, read_scenario
 from usarsim_mission.scenario.resolving import stage
 from usarsim_mission.scoring import find_rules
-from usarsim_operator.serving import Serving, until_interrupted
+from usarsim_operator.serving import Serving
+from usarsim_report.serving import until_interrupted
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.base.toml import read_text, toml_text
 

@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         UsarsimError: the study, a file or an option cannot be used.
     """
-    from usarsim_operator.serving import until_interrupted
+    from usarsim_report.serving import until_interrupted
     from usarsim_study.session.opening import open_folder
 
     need("aiohttp", extra="console", asker="the desk")

@@ -12,11 +12,11 @@ from pathlib import Path
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from usarsim_operator.gate import admit, gated
-from usarsim_operator.page_files import page_file, page_headers
 from usarsim_operator.places import NoPlaceError, PagePlaces
-from usarsim_operator.roles import LONGEST, Limits, foreign, hosts_of
-from usarsim_operator.serving import PAGE
+from usarsim_operator.roles import LONGEST, Limits
+from usarsim_report.gate import admit, gated
+from usarsim_report.page_files import page_file, page_headers
+from usarsim_report.serving import PAGE, foreign, hosts_of
 from usarsim_server.base.files import reason
 from usarsim_server.base.private import exposed, private
 from usarsim_server.base.toml import read_text
