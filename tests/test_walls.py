@@ -122,12 +122,19 @@ class TestContracts:
         assert lint(config) == 1
 
     def test_exceptions_are_few(self) -> None:
-        """Films alone overlook a wall; the list may only get shorter."""
-        overlooked = [path for one in CONTRACTS for path in one.get("ignore_imports", ())]
-        assert overlooked == [
-            "usarsim_operator.film.** -> usarsim_server.**",
-            "usarsim_operator.film.** -> mujoco",
-        ]
+        """Films overlook a wall, and some files import in a circle; the lists may only get
+        shorter. The linter reports an exception that is none any more."""
+        overlooked = {
+            one["id"]: one["ignore_imports"] for one in CONTRACTS if "ignore_imports" in one
+        }
+        circles = overlooked.pop("cycles")
+        assert len(circles) <= 50
+        assert overlooked == {
+            "outside": [
+                "usarsim_operator.film.** -> usarsim_server.**",
+                "usarsim_operator.film.** -> mujoco",
+            ]
+        }
 
     def test_every_room_has_walls(self) -> None:
         """Each folder and module of the server stands in the contracts; enter a new one there."""

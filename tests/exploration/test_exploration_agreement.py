@@ -19,8 +19,8 @@ from usarsim_exploration.reporting.pictures import Look
 from usarsim_exploration.reporting.runs import read
 from usarsim_exploration.run_folder import write as write_run
 from usarsim_exploration.running import run as explore
+from usarsim_report.page import Page
 from usarsim_server import cli
-from usarsim_study.page import Page
 
 NAMES = ("frontier", "ratio", "role-based", "$_<&")
 

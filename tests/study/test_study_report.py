@@ -11,14 +11,14 @@ from xml.etree import ElementTree
 
 import pytest
 
+from usarsim_report.page import Page
+from usarsim_report.svg import COLOURS, picture
 from usarsim_server import cli
 from usarsim_study import report, tables
 from usarsim_study.analysis import Analysis, analyse
 from usarsim_study.dataset import collect
 from usarsim_study.folder import StudyFolder
-from usarsim_study.page import Page
 from usarsim_study.plots import forest
-from usarsim_study.svg import COLOURS, picture
 from usarsim_study.synthetic import STUDY, Plan, make_study
 
 PLANTED = Plan(20, effect=1.0, aborted=1, excluded=1, skipped=1)

@@ -11,10 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from second_implementation import DEPRESSION, SLEEP, STORED, judged
 
-from usarsim_server import cli
-from usarsim_study import statistics
-from usarsim_study.power import closed_form, needed, simulated
-from usarsim_study.statistics import (
+from usarsim_report import statistics
+from usarsim_report.statistics import (
     bca,
     holm,
     paired,
@@ -24,6 +22,8 @@ from usarsim_study.statistics import (
     summary,
     unpaired,
 )
+from usarsim_server import cli
+from usarsim_study.power import closed_form, needed, simulated
 
 REFERENCE = json.loads(STORED.read_text(encoding="utf-8"))
 

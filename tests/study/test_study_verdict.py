@@ -12,10 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from usarsim_server import cli
-from usarsim_study import statistics, tables
-from usarsim_study.analysis import analyse
-from usarsim_study.statistics import (
+from usarsim_report import statistics
+from usarsim_report.statistics import (
     differences,
     paired,
     rank_sum,
@@ -27,8 +25,11 @@ from usarsim_study.statistics import (
     summary,
     unpaired,
 )
+from usarsim_report.wording import number, p_value, span
+from usarsim_server import cli
+from usarsim_study import tables
+from usarsim_study.analysis import analyse
 from usarsim_study.study_file import alike
-from usarsim_study.wording import number, p_value, span
 
 CASES = Path(__file__).parent / "cases"
 ZEROS, CONTRARY = CASES / "19_equal_but_for_rounding", CASES / "20_mean_against_ranks"

@@ -20,10 +20,7 @@ from statistics import fmean, median
 
 from scipy import stats
 
-from usarsim_study.dataset import Dataset, ParticipantRow, TrialRow, misread_words
-from usarsim_study.errors import StudyError
-from usarsim_study.measures import MEASURES, Measure
-from usarsim_study.statistics import (
+from usarsim_report.statistics import (
     Paired,
     Several,
     Summary,
@@ -37,6 +34,9 @@ from usarsim_study.statistics import (
     summary,
     unpaired,
 )
+from usarsim_study.dataset import Dataset, ParticipantRow, TrialRow, misread_words
+from usarsim_study.errors import StudyError
+from usarsim_study.measures import MEASURES, Measure
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from usarsim_report.statistics import Interval, Paired, differences
+from usarsim_report.svg import COLOURS, HAIR, INK, MARKERS, MUTED, TIE, picture
 from usarsim_study.analysis import Analysis, Cell, OrderEffect, Outcome
-from usarsim_study.statistics import Interval, Paired, differences
-from usarsim_study.svg import COLOURS, HAIR, INK, MARKERS, MUTED, TIE, picture
 
 
 def primary(outcome: Outcome, within: bool) -> str:

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from scipy import stats
 
-from usarsim_study.statistics import CLOSE, SEED, Array
+from usarsim_report.statistics import CLOSE, SEED, Array
 
 SIMULATIONS = 20_000
 MOST = 1000

@@ -9,15 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from usarsim_server.base.csv_files import csv_text
-from usarsim_server.base.files import write_text
-from usarsim_study import plots, tables
-from usarsim_study.analysis import Analysis, Comparison, OrderEffect, Outcome, analyse
-from usarsim_study.dataset import Dataset
-from usarsim_study.misread import CURE
-from usarsim_study.page import Page
-from usarsim_study.statistics import Paired, Summary, rejects
-from usarsim_study.wording import (
+from usarsim_report.page import Page
+from usarsim_report.statistics import Paired, Summary, rejects
+from usarsim_report.wording import (
     NONE,
     comparative,
     counted,
@@ -28,6 +22,12 @@ from usarsim_study.wording import (
     span,
     unit_told,
 )
+from usarsim_server.base.csv_files import Cellular, csv_text
+from usarsim_server.base.files import write_text
+from usarsim_study import plots
+from usarsim_study.analysis import Analysis, Comparison, OrderEffect, Outcome, analyse
+from usarsim_study.dataset import Dataset
+from usarsim_study.misread import CURE
 
 
 def write(dataset: Dataset, folder: Path) -> list[Path]:
@@ -482,7 +482,7 @@ def results(analysis: Analysis) -> str:
         *("mean_second", "median_first", "median_second", "difference", "low", "high", "p"),
         *("holm_p", "effect", "standardised"),
     )
-    rows: list[list[tables.Cellular]] = []
+    rows: list[list[Cellular]] = []
     for outcome in analysis.outcomes:
         cells = {cell.condition: cell.summary for cell in outcome.cells}
         for one in outcome.comparisons:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
-from usarsim_server.base.csv_files import csv_text, read_csv
+from usarsim_server.base.csv_files import Cellular, csv_text, read_csv
 from usarsim_server.base.errors import at
 from usarsim_server.base.files import write_text
 from usarsim_server.base.toml import read_text
@@ -36,7 +36,6 @@ DICTIONARY = "dictionary.csv"
 SUMMARY = "summary.csv"
 
 Type = Literal["string", "integer", "number"]
-Cellular = str | int | float | None
 
 
 @dataclass(frozen=True, slots=True)

@@ -138,6 +138,10 @@ class CsvWriter:
             self.row(cells)
 
 
+Cellular = str | int | float | None
+"""What a cell of a table holds; None is left empty."""
+
+
 def csv_text(heads: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
     """A whole table; see `CsvWriter`."""
     out = io.StringIO()

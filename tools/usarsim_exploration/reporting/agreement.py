@@ -24,7 +24,7 @@ from usarsim_exploration.reporting.survival import (
     resampled_means,
     restricted_mean,
 )
-from usarsim_study.statistics import CONFIDENCE, Interval
+from usarsim_report.statistics import CONFIDENCE, Interval
 
 POINTS = 100
 """Distances at which coverage is compared, beside none."""

@@ -13,9 +13,9 @@ from usarsim_exploration.reporting.agreement import FEWEST, Agreement, Level, Or
 from usarsim_exploration.reporting.comparison import RANKED, title
 from usarsim_exploration.reporting.pictures import Look, axes_of, picture_of
 from usarsim_exploration.reporting.runs import DISCS, GRID
-from usarsim_study.page import Page
-from usarsim_study.svg import MUTED
-from usarsim_study.wording import NONE, interval, number
+from usarsim_report.page import Page
+from usarsim_report.svg import MUTED
+from usarsim_report.wording import NONE, interval, number
 
 PICTURED = 12
 """Settings whose curves are drawn; of more there are the numbers."""

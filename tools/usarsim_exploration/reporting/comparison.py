@@ -23,7 +23,7 @@ from usarsim_exploration.reporting.survival import (
     median,
     restricted_mean,
 )
-from usarsim_study.statistics import Interval
+from usarsim_report.statistics import Interval
 
 GOALS = tuple(f"{who}_t{share}" for who in ("team", "base") for share in (50, 90, 95))
 """Measures that are times; by these strategies are ranked."""

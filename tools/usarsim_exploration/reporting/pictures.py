@@ -22,7 +22,7 @@ from usarsim_exploration.reporting.comparison import GOALS, Group, title
 from usarsim_exploration.reporting.ranking import Ranking
 from usarsim_exploration.reporting.runs import Array, Curves, Run
 from usarsim_exploration.reporting.survival import Time, band, kaplan_meier
-from usarsim_study.svg import HAIR, INK, MARKERS, MUTED, picture
+from usarsim_report.svg import HAIR, INK, MARKERS, MUTED, picture
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000", "#e69f00", "#56b4e9")
 DASHES = ("-", (0, (5, 2)), (0, (1, 1.2)))

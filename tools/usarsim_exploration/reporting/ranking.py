@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from usarsim_exploration.reporting.survival import Time
-from usarsim_study.statistics import Several, holm, several_paired
+from usarsim_report.statistics import Several, holm, several_paired
 
 ALPHA = 0.05
 

@@ -26,9 +26,9 @@ from usarsim_exploration.reporting.comparison import (
 from usarsim_exploration.reporting.ranking import ALPHA, Pair
 from usarsim_exploration.reporting.runs import Run, Source
 from usarsim_exploration.reporting.survival import log_rank
+from usarsim_report.page import Page
+from usarsim_report.wording import NONE, interval, number, p_told, p_value, span
 from usarsim_server.base.files import write_text
-from usarsim_study.page import Page
-from usarsim_study.wording import NONE, interval, number, p_told, p_value, span
 
 PICTURED = 24
 """Settings that get pictures; of more there are the numbers."""

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from usarsim_study.statistics import CONFIDENCE, SEED, Interval
+from usarsim_report.statistics import CONFIDENCE, SEED, Interval
 
 RESAMPLES = 2_000
 """Bootstrap samples of an interval."""

@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from usarsim_exploration.measures import MEASURES
 from usarsim_exploration.reporting.comparison import GOALS, Cell, Comparison, title
 from usarsim_exploration.reporting.runs import Setting
-from usarsim_server.base.csv_files import csv_text
-from usarsim_study.tables import Cellular
-from usarsim_study.wording import number
+from usarsim_report.wording import number
+from usarsim_server.base.csv_files import Cellular, csv_text
 
 _HEADS = (
     "environment", "robots", "team", "radio", "backend", "strategy", "measure", "unit", "runs",

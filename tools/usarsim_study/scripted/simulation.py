@@ -19,15 +19,7 @@ from statistics import fmean
 
 from usarsim_mission.scenario.reader import read_scenario
 from usarsim_mission.scenario.resolving import stage
-from usarsim_server.base.children import safe_pool
-from usarsim_study.assignment import Cell, Order
-from usarsim_study.forms import FormState
-from usarsim_study.layouts import mission_file
-from usarsim_study.scripted.answers import Feeling, answer
-from usarsim_study.scripted.skill import Device, careful, drawn
-from usarsim_study.scripted.trials import Ground, ground, run_trial, values_of_trial
-from usarsim_study.session.steps import Attempt, Past, next_step
-from usarsim_study.statistics import (
+from usarsim_report.statistics import (
     differences,
     paired,
     rank_sum,
@@ -36,6 +28,14 @@ from usarsim_study.statistics import (
     several_unpaired,
     signed_rank,
 )
+from usarsim_server.base.children import safe_pool
+from usarsim_study.assignment import Cell, Order
+from usarsim_study.forms import FormState
+from usarsim_study.layouts import mission_file
+from usarsim_study.scripted.answers import Feeling, answer
+from usarsim_study.scripted.skill import Device, careful, drawn
+from usarsim_study.scripted.trials import Ground, ground, run_trial, values_of_trial
+from usarsim_study.session.steps import Attempt, Past, next_step
 from usarsim_study.study_file import Study, read_study
 
 MOST_STEPS = 500

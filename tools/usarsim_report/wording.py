@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from usarsim_study.statistics import Interval, rejects
+from usarsim_report.statistics import Interval, rejects
 
 NONE = "–"
 """Stands where there is nothing to tell."""

@@ -59,7 +59,7 @@ class Page:
 
     def html(self) -> str:
         """The page."""
-        style = files("usarsim_study").joinpath("report.css").read_text(encoding="utf-8")
+        style = files("usarsim_report").joinpath("report.css").read_text(encoding="utf-8")
         title = html.escape(self._title)
         return (
             '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
