@@ -4,6 +4,7 @@ against walls (robots reference 2.3, 2.9)."""
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from statistics import median
 
 from usarsim_conformance.case import Case
@@ -315,10 +316,10 @@ async def scan_miss(case: Case) -> None:
 
 @unreal("sensors.scan-right-first", "Scans begin on the right", "6, no. 104", exclusive=True)
 async def scan_right_first(case: Case) -> None:
-    """An obstacle to the right of the robot, here another robot, appears in the first half of
+    """An obstacle to the right of the robot, another robot or a wall, appears in the first half of
     the range list."""
     change = await _shadow(case, right=0.9)
-    case.expect(change < 0.5, f"a robot on the right shortened ranges at {change:.0%} of the list")
+    case.expect(change < 0.5, f"what is on the right shortened ranges at {change:.0%} of the list")
 
 
 @gazebo(
@@ -330,7 +331,7 @@ async def scan_right_first(case: Case) -> None:
 async def scan_left_first(case: Case) -> None:
     """In the prototype's form an obstacle on the right appears in the second half."""
     change = await _shadow(case, right=-0.9)
-    case.expect(change > 0.5, f"a robot on the right shortened ranges at {change:.0%} of the list")
+    case.expect(change > 0.5, f"what is on the right shortened ranges at {change:.0%} of the list")
 
 
 async def _shadow(case: Case, right: float) -> float:
@@ -351,13 +352,32 @@ async def _shadow(case: Case, right: float) -> float:
     await case.spawn(place=type(beside)(None, beside.location, tipped))
     await watcher.run(0.8)
     together = (await watcher.sensor("RangeScanner")).numbers("Range")
-    nearer = [
-        index / max(1, len(alone) - 1)
-        for index, (one, two) in enumerate(zip(alone, together, strict=False))
-        if two < one - 0.1
-    ]
-    case.need(nearer, "the scanner did not see a robot beside it")
+    # A scanner may look over a robot like its own, but over no wall.
+    nearer = _shortened(alone, together)
+    if not nearer and right > 0:
+        nearer = await _beside_a_wall(case)
+    case.need(nearer, "the scanner saw neither a robot nor a wall beside it")
     return median(nearer)
+
+
+async def _beside_a_wall(case: Case) -> list[float]:
+    """Where in the scan a wall on the right shortens the ranges."""
+    found = await walls_for(case, "RangeScanner")
+    scans = {
+        scene.name: line.numbers("Range")
+        for scene in found.of("open", "right")
+        for _, line in scene.track.of("RangeScanner")
+    }
+    return _shortened(scans.get("open", ()), scans.get("right", ()))
+
+
+def _shortened(before: Sequence[float], after: Sequence[float]) -> list[float]:
+    """Where in a scan, 0 first and 1 last, ranges have become shorter."""
+    return [
+        index / max(1, len(before) - 1)
+        for index, (one, other) in enumerate(zip(before, after, strict=False))
+        if other < one - 0.1
+    ]
 
 
 @control("sensors.scan-length", "A scan of 181 beams fits 2000 bytes", "6, no. 106")
