@@ -116,6 +116,36 @@ def test_who_waits_for_somebody_says_so() -> None:
     assert policy.why == "somebody, or another robot, is in its way"
 
 
+def _walk(ground: Ground, time: float, x: float, y: float = 4.7) -> None:
+    """Ada is seen on her way to the left, at 0.5 m/s."""
+    ground.keep_clear("Ada", Disc((x - 0.5 * time, y), 0.5), time)
+
+
+def test_who_walks_is_expected_to_go_on() -> None:
+    """Where she was is kept clear, and where she is by now although no camera sees her."""
+    ground = Ground()
+    for count in range(6):
+        _walk(ground, 0.4 * count, 9.0)
+    xs = [disc.place[0] for disc in ground.people(5.0)]
+    for x in (9.0, 8.6, 8.0, 7.0, 6.5, 6.1):  # she is at 6.5
+        assert min(abs(one - x) for one in xs) < 0.25
+    assert [walker.place[0] for walker in ground.walkers(5.0)] == [pytest.approx(6.5)]
+    assert not list(ground.walkers(12.0))  # nobody knows
+
+
+def test_it_gets_out_of_the_way_of_who_walks() -> None:
+    """Who walks does not stop for a robot; it does more than to stop before her."""
+    map, toy, ground = OccupancyMap(), Toy(ROOMS, 2.0, 2.4, 0.0), Ground()
+    policy = policies.make("patrol", ((2.0, 2.4), (4.0, 2.4)))
+    nearest = math.inf
+    for count in range(100):
+        if count % 4 == 0:
+            _walk(ground, toy.time, 5.0, 2.4)
+        _go(policy, toy, map, 0.1, ground)
+        nearest = min(nearest, math.dist((toy.x, toy.y), (5.0 - 0.5 * toy.time, 2.4)))
+    assert nearest > 0.65
+
+
 def test_explore_leaves_from_what_its_scanner_never_saw() -> None:
     """O-56: a scanner at the front sees neither the floor under the robot nor what is behind."""
     map, toy = OccupancyMap(), Toy(ROOMS, 1.05, 1.05, ahead=0.2)

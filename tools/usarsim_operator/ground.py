@@ -20,8 +20,10 @@ PERSON = 0.95
 ROBOT = 0.4
 """m from the middle of a robot to its corners."""
 _MOST = 1000  # people, and things that were felt
-_TRAIL = 60.0  # simulated s for which somebody who walks may come back
+_TRAIL = 20.0  # simulated s for which somebody who walks may come back
 _STEP = 0.3  # m between two places of a trail
+_WALKS = 3.0  # simulated s between its last two places at which somebody still walks
+_GOES_ON, _SOON = 8.0, 1.0  # simulated s for which one does so unseen, and ahead of now
 _APART, _THING = 0.5, 0.9  # m between places that one thing was felt at
 _TILE = 1.0  # m: side of the tiles that count as visited
 
@@ -32,6 +34,24 @@ class Disc:
 
     place: Place
     radius: float
+
+
+@dataclass(frozen=True, slots=True)
+class Walker:
+    """Somebody who walks.
+
+    Attributes:
+        place: where they are by now. velocity: m/s along x and y. radius: how far they reach, m.
+    """
+
+    place: Place
+    velocity: Place
+    radius: float
+
+    def disc(self, after: float) -> Disc:
+        """Where they will be after so many s."""
+        (x, y), (dx, dy) = self.place, self.velocity
+        return Disc((x + dx * after, y + dy * after), self.radius)
 
 
 class Ground:
@@ -46,13 +66,16 @@ class Ground:
         self._visits: dict[tuple[int, int], float] = {}
 
     def keep_clear(self, name: str, disc: Disc, time: float) -> None:
-        """Note where a person was seen. Who walks leaves a trail of discs, and may come back."""
+        """Note where a person was seen. Who walks leaves a trail of discs, and may come back.
+
+        The newest place replaces the one before where that is close to the rest of the trail.
+        """
         if name not in self._people and len(self._people) >= _MOST:
             return
         trail = self._people.setdefault(name, deque())
         while len(trail) > 1 and time - trail[0][0] > _TRAIL:
             trail.popleft()
-        if trail and math.dist(trail[-1][1].place, disc.place) < _STEP:
+        if len(trail) > 1 and math.dist(trail[-1][1].place, trail[-2][1].place) < _STEP:
             trail.pop()
         trail.append((time, disc))
 
@@ -90,11 +113,28 @@ class Ground:
         """Drop a robot that has left."""
         self._robots.pop(robot, None)
 
-    def people(self) -> Iterator[Disc]:
-        """Discs around all places where people are or may be."""
+    def people(self, time: float) -> Iterator[Disc]:
+        """Discs around all places where people are or may be: who walks has gone on since."""
+        yield from self.still(time)
+        for trail in self._people.values():
+            if (walker := _walker(trail, time)) is not None:
+                yield from (disc for _, disc in trail)
+                came = math.dist(trail[-1][1].place, walker.place)
+                pace = math.hypot(*walker.velocity)
+                parts = math.ceil((came + pace * _SOON) / _STEP)
+                yield from (walker.disc(_SOON - part * _STEP / pace) for part in range(parts))
+
+    def still(self, time: float) -> Iterator[Disc]:
+        """Discs around who does not walk."""
         yield from self._marked
         for trail in self._people.values():
-            yield from (disc for _, disc in trail)
+            if _walker(trail, time) is None:
+                yield from (disc for _, disc in trail)
+
+    def walkers(self, time: float) -> Iterator[Walker]:
+        """Who walks, seen at this moment or expected."""
+        found = (_walker(trail, time) for trail in self._people.values())
+        return (one for one in found if one is not None)
 
     def others(self, robot: str) -> Iterator[Disc]:
         """Discs around all robots but one."""
@@ -103,6 +143,19 @@ class Ground:
     def visited(self, place: Place) -> float:
         """When a robot was near a place last; minus infinity if none was."""
         return self._visits.get(_tile(place), -math.inf)
+
+
+def _walker(trail: deque[tuple[float, Disc]], time: float) -> Walker | None:
+    """Who left a trail, while they walk: as they did between its last two places."""
+    if len(trail) < 2:
+        return None
+    (before, was), (seen, now) = trail[-2], trail[-1]
+    took, unseen = seen - before, time - seen
+    if not 0.0 < took < _WALKS or unseen > _GOES_ON:
+        return None
+    dx, dy = ((new - old) / took for new, old in zip(now.place, was.place, strict=True))
+    walker = Walker(now.place, (dx, dy), now.radius)
+    return Walker(walker.disc(unseen).place, (dx, dy), now.radius)
 
 
 def _tile(place: Place) -> tuple[int, int]:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_client import readings
+from usarsim_operator.evasion import Powers, evade
 from usarsim_operator.ground import Disc, Ground
 from usarsim_operator.navigation import (
     FAR,
@@ -74,6 +75,7 @@ _GIVEN_UP, _WIDELY = 0.7, 1.5  # m around a frontier that is given up
 _RETRY = 120.0  # simulated s after which it tries again what it has given up
 _AGAIN = 0.6, 15.0  # m and simulated s within which it is caught again on the same
 _HELD = 0.3  # m within which it is still where it was stuck before
+_IN_ITS_WAY = "somebody, or another robot, is in its way"
 _FREEING = (None, (-CRUISE, -CRUISE), (CRUISE, CRUISE))
 """What is tried in turn while it is stuck at one place: to back off in a curve, then straight, as
 wheels that hang over something low turn freely, then to get over it."""
@@ -99,10 +101,6 @@ class View:
     ground: Ground = field(default_factory=Ground)
     robot: str = ""
     lean: tuple[float, float] = (0.0, 0.0)
-
-
-Powers = tuple[float, float]
-"""Of the left and the right wheels, -1 to 1."""
 
 
 class Policy(ABC):
@@ -205,13 +203,16 @@ class _Traveller(Policy):
         off = math.copysign(_NEXT, ahead)
         meets = bool(ahead) and _meets(view, off)
         if meets:
-            self.why = "somebody, or another robot, is in its way"
+            self.why = _IN_ITS_WAY
         if meets or (ahead < 0.0 and not self._tries and _backs_into_wall(view, off)):
             self._back = -math.inf
             self._due = min(self._due, view.time + _WAIT)
             turn = (left - right) / 2.0 or math.copysign(0.5, self._side)
             left, right = turn, -turn
-        self._told = left, right
+        evades = evade(view, (left, right))
+        if evades != (left, right):
+            self.why, self._back, self._due = _IN_ITS_WAY, -math.inf, view.time
+        self._told = evades
         return self._told
 
     def _wanted(self, view: View) -> Powers:
@@ -281,7 +282,7 @@ class _Traveller(Policy):
         here = view.pose[:2]
         grid = Grid(view.map.cells(), view.map.corner)
         free = grid.passable(here, RADIUS, unknown=self.unknown)
-        for disc in (*view.ground.people(), *view.ground.others(view.robot)):
+        for disc in (*view.ground.people(view.time), *view.ground.others(view.robot)):
             room = math.dist(here, disc.place) - 0.1  # who is inside may leave, and come no nearer
             if room > 0.0:
                 grid.leave_out(free, disc.place, min(disc.radius + _CLEAR, room))
@@ -530,7 +531,7 @@ def _meets(view: View, off: float) -> bool:
         far = math.dist(there, disc.place)
         return far < disc.radius + _CLEAR and far < math.dist((x, y), disc.place)
 
-    return any(map(nears, (*view.ground.people(), *view.ground.others(view.robot))))
+    return any(map(nears, (*view.ground.people(view.time), *view.ground.others(view.robot))))
 
 
 def _backs_into_wall(view: View, off: float) -> bool:
