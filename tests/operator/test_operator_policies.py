@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -144,6 +145,36 @@ def test_it_gets_out_of_the_way_of_who_walks() -> None:
         _go(policy, toy, map, 0.1, ground)
         nearest = min(nearest, math.dist((toy.x, toy.y), (5.0 - 0.5 * toy.time, 2.4)))
     assert nearest > 0.65
+
+
+def test_who_is_lifted_stands_and_others_keep_away() -> None:
+    """Nothing tells where a platform ends: it stands until that is down; no other gets on."""
+    map, toy, ground = OccupancyMap(), Toy(ROOMS, 2.0, 2.4, 0.0), Ground()
+    policy = policies.make("patrol", ((2.0, 2.4), (8.0, 2.4)))
+    told = {}
+    for count in range(60):
+        up = min(max(0, count - 3), max(0, 50 - count), 20) * 0.03  # up, it waits, down again
+        powers = policy.powers(replace(_view(toy, map, ground), height=0.17 + up))
+        told[count] = powers != (0.0, 0.0), policy.why, policy.carried
+        toy.time += 0.1
+    assert told[2] == (True, "", False)
+    assert told[6] == told[30] == told[47] == (False, "the floor under it has risen", True)
+    assert not told[51][2]
+    other = Toy(ROOMS, 1.0, 1.0, 0.7, speed=1.0)
+    places = _go(policies.make("explore", ()), other, map, 30.0, ground)
+    assert min(math.dist((one.x, one.y), (2.0, 2.4)) for one in places) > 1.4
+
+
+def test_a_ramp_is_no_lift() -> None:
+    """What climbs by itself leans."""
+    map, toy, ground = OccupancyMap(), Toy(ROOMS, 2.0, 2.4, 0.0), Ground()
+    policy = policies.make("patrol", ((2.0, 2.4), (8.0, 2.4)))
+    for count in range(20):
+        view = replace(_view(toy, map, ground), height=0.03 * count, lean=(0.0, 0.08))
+        policy.powers(view)
+        toy.time += 0.1
+    assert not policy.carried
+    assert not list(ground.risen())
 
 
 def test_explore_leaves_from_what_its_scanner_never_saw() -> None:

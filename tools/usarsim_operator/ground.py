@@ -1,8 +1,8 @@
 """Keeps what the unattended robots of a station know of the floor beside their map.
 
 A flat scanner sees one height and misses what is lower. So the robots share the people that a
-camera has seen or an operator has marked, the places where one of them was stopped or tilted,
-where each robot is, and when each place was visited last.
+camera has seen or an operator has marked, the places where one of them was stopped, tilted or
+lifted, where each robot is, and when each place was visited last.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ PERSON = 0.95
 """m from the pelvis to the feet of somebody who lies: what is kept clear of around a mark."""
 ROBOT = 0.4
 """m from the middle of a robot to its corners."""
+_LIFT = 1.4  # m around a robot that a lift has within which that may be
 _MOST = 1000  # people, and things that were felt
 _TRAIL = 20.0  # simulated s for which somebody who walks may come back
 _STEP = 0.3  # m between two places of a trail
@@ -62,6 +63,7 @@ class Ground:
         self._marked: list[Disc] = []
         self._felt: deque[tuple[float, Place]] = deque(maxlen=_MOST)
         self._between: deque[tuple[float, Place]] = deque(maxlen=_MOST)
+        self._risen: deque[Disc] = deque(maxlen=_MOST)
         self._robots: dict[str, Place] = {}
         self._visits: dict[tuple[int, int], float] = {}
 
@@ -99,6 +101,14 @@ class Ground:
         """Places that were felt since a moment."""
         both = itertools.chain(self._felt, self._between)
         return (place for time, place in both if time >= since)
+
+    def rise(self, place: Place) -> None:
+        """Note where the floor rose under a robot: a lift."""
+        self._risen.append(Disc(place, _LIFT))
+
+    def risen(self) -> Iterator[Disc]:
+        """Discs around those places."""
+        return iter(self._risen)
 
     def stand(self, robot: str, place: Place, time: float) -> None:
         """Note where a robot is; the place counts as visited."""

@@ -64,6 +64,8 @@ _BESIDE = 0.8  # rad to either side in which what it has begun to climb goes on
 _BACK = 1.5  # simulated s of backing off
 _DOWN = 2.2  # simulated s of it where it has begun to climb
 _LEANS = 0.1  # rad from upright at which it has begun to climb onto something
+_RISES, _RISEN = 0.05, 0.03  # m/s, and m, by which the floor under it rises while it is level
+_LEVEL = 0.05  # rad from upright at which it does not climb by itself
 _CAREFUL = 1.2, 0.7  # m from what was felt to its middle at which it has this power ahead at most
 _CLEAR = 0.38  # m from its middle to what it must not touch, beside how far that reaches
 _NEXT = 0.3  # m: as far on it looks whether it would touch somebody
@@ -90,7 +92,7 @@ class View:
         scan: its newest flat scan; None if it has none.
         map: of all robots. goals: places that others go to, by robot.
         ground: what all robots know beside the map. robot: its name.
-        lean: roll and pitch, rad.
+        lean: roll and pitch, rad. height: m.
     """
 
     time: float
@@ -101,6 +103,7 @@ class View:
     ground: Ground = field(default_factory=Ground)
     robot: str = ""
     lean: tuple[float, float] = (0.0, 0.0)
+    height: float = 0.0
 
 
 class Policy(ABC):
@@ -114,6 +117,11 @@ class Policy(ABC):
     name = ""
     goal: Place | None = None
     why = ""
+
+    @property
+    def carried(self) -> bool:
+        """Whether a lift has it."""
+        return False
 
     @abstractmethod
     def powers(self, view: View) -> Powers:
@@ -175,6 +183,8 @@ class _Traveller(Policy):
         self._pushed = math.inf
         self._push: tuple[float, Place, float] = (0.0, (math.inf, math.inf), 0.0)
         self._came: deque[Place] = deque(maxlen=_STEPS_BACK)
+        self._before: View | None = None
+        self._carried = 0.0
 
     def resume(self) -> None:
         """Looks for its way anew."""
@@ -198,6 +208,10 @@ class _Traveller(Policy):
 
         What is wedged in cannot be choosy about walls.
         """
+        if self._is_carried(view):
+            self.resume()
+            self._told, self.why = (0.0, 0.0), "the floor under it has risen"
+            return self._told
         left, right = self._wanted(view)
         ahead = left + right
         off = math.copysign(_NEXT, ahead)
@@ -214,6 +228,29 @@ class _Traveller(Policy):
             self.why, self._back, self._due = _IN_ITS_WAY, -math.inf, view.time
         self._told = evades
         return self._told
+
+    @property
+    def carried(self) -> bool:
+        """Whether the floor under it has risen, as that of a lift does."""
+        return self._carried > _RISEN
+
+    def _is_carried(self, view: View) -> bool:
+        """Whether it is, from now on; where that happened no robot goes any more.
+
+        Nothing tells where the floor ends: it stands until that is down again.
+        """
+        before, self._before, was = self._before, view, self.carried
+        if before is None:
+            return False
+        rise = view.height - before.height
+        level = max(map(abs, (*view.lean, *before.lean))) < _LEVEL
+        if was or (level and rise > _RISES * (view.time - before.time)):
+            self._carried += rise
+        else:
+            self._carried = 0.0
+        if self.carried and not was:
+            view.ground.rise(view.pose[:2])
+        return self.carried
 
     def _wanted(self, view: View) -> Powers:
         here = view.pose[:2]
@@ -282,7 +319,8 @@ class _Traveller(Policy):
         here = view.pose[:2]
         grid = Grid(view.map.cells(), view.map.corner)
         free = grid.passable(here, RADIUS, unknown=self.unknown)
-        for disc in (*view.ground.people(view.time), *view.ground.others(view.robot)):
+        ground = view.ground
+        for disc in (*ground.people(view.time), *ground.others(view.robot), *ground.risen()):
             room = math.dist(here, disc.place) - 0.1  # who is inside may leave, and come no nearer
             if room > 0.0:
                 grid.leave_out(free, disc.place, min(disc.radius + _CLEAR, room))
