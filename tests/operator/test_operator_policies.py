@@ -132,6 +132,7 @@ def test_who_walks_is_expected_to_go_on() -> None:
         assert min(abs(one - x) for one in xs) < 0.25
     assert [walker.place[0] for walker in ground.walkers(5.0)] == [pytest.approx(6.5)]
     assert not list(ground.walkers(12.0))  # nobody knows
+    assert [disc.place[0] for disc in ground.people(30.0)] == [8.0]  # she may be back
 
 
 def test_it_gets_out_of_the_way_of_who_walks() -> None:

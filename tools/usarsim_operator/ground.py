@@ -128,7 +128,7 @@ class Ground:
         yield from self.still(time)
         for trail in self._people.values():
             if (walker := _walker(trail, time)) is not None:
-                yield from (disc for _, disc in trail)
+                yield from _discs(trail, time)
                 came = math.dist(trail[-1][1].place, walker.place)
                 pace = math.hypot(*walker.velocity)
                 parts = math.ceil((came + pace * _SOON) / _STEP)
@@ -139,7 +139,7 @@ class Ground:
         yield from self._marked
         for trail in self._people.values():
             if _walker(trail, time) is None:
-                yield from (disc for _, disc in trail)
+                yield from _discs(trail, time)
 
     def walkers(self, time: float) -> Iterator[Walker]:
         """Who walks, seen at this moment or expected."""
@@ -153,6 +153,11 @@ class Ground:
     def visited(self, place: Place) -> float:
         """When a robot was near a place last; minus infinity if none was."""
         return self._visits.get(_tile(place), -math.inf)
+
+
+def _discs(trail: deque[tuple[float, Disc]], time: float) -> Iterator[Disc]:
+    """Where somebody was seen last, and a while ago."""
+    return (disc for since, disc in trail if time - since <= _TRAIL or disc is trail[-1][1])
 
 
 def _walker(trail: deque[tuple[float, Disc]], time: float) -> Walker | None:
