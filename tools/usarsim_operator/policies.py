@@ -75,7 +75,6 @@ _OLDEST = 600.0  # simulated s since the last look that are worth something
 _PACE = 0.3  # m/s on the way there
 _GIVEN_UP, _WIDELY = 0.7, 1.5  # m around a frontier that is given up
 _RETRY = 120.0  # simulated s after which it tries again what it has given up
-_AGAIN = 0.6, 15.0  # m and simulated s within which it is caught again on the same
 _HELD = 0.3  # m within which it is still where it was stuck before
 _IN_ITS_WAY = "somebody, or another robot, is in its way"
 _FREEING = (None, (-CRUISE, -CRUISE), (CRUISE, CRUISE))
@@ -177,7 +176,7 @@ class _Traveller(Policy):
         self._track: deque[tuple[float, Place]] = deque()
         self._back = -math.inf
         self._side = 0.3
-        self._since, self._unseen = -math.inf, False
+        self._unseen = False
         self._caught, self._tries, self._freeing = (math.inf, math.inf), 0, (0.0, 0.0)
         self._told: Powers = (0.0, 0.0)
         self._pushed = math.inf
@@ -262,11 +261,9 @@ class _Traveller(Policy):
         if self._is_stuck(view) or leans:
             self._unseen = self._feel(view) or leans
             self.blocked(view)
-            off, passed = math.dist(here, self._caught), view.time - self._since
-            self._tries = self._tries + 1 if off < _HELD else 0
-            if off < _AGAIN[0] and passed < _AGAIN[1]:
-                self.why = "it is caught on something and tries to get free"
-            self._caught, self._since, self._side = here, view.time, -self._side
+            self._tries = self._tries + 1 if math.dist(here, self._caught) < _HELD else 0
+            self.why = "it is caught on something and tries to get free"
+            self._caught, self._side = here, -self._side
             self._freeing = self._free_by(leans)
             self._back, self._due = view.time + (_DOWN if leans else _BACK), -math.inf
             self._track.clear()
