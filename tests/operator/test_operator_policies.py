@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -116,6 +117,67 @@ def test_who_waits_for_somebody_says_so() -> None:
     assert policy.why == "somebody, or another robot, is in its way"
 
 
+def _walk(ground: Ground, time: float, x: float, y: float = 4.7) -> None:
+    """Ada is seen on her way to the left, at 0.5 m/s."""
+    ground.keep_clear("Ada", Disc((x - 0.5 * time, y), 0.5), time)
+
+
+def test_who_walks_is_expected_to_go_on() -> None:
+    """Where she was is kept clear, and where she is by now although no camera sees her."""
+    ground = Ground()
+    for count in range(6):
+        _walk(ground, 0.4 * count, 9.0)
+    xs = [disc.place[0] for disc in ground.people(5.0)]
+    for x in (9.0, 8.6, 8.0, 7.0, 6.5, 6.1):  # she is at 6.5
+        assert min(abs(one - x) for one in xs) < 0.25
+    assert [walker.place[0] for walker in ground.walkers(5.0)] == [pytest.approx(6.5)]
+    assert not list(ground.walkers(12.0))  # nobody knows
+    assert [disc.place[0] for disc in ground.people(30.0)] == [8.0]  # she may be back
+
+
+def test_it_gets_out_of_the_way_of_who_walks() -> None:
+    """Who walks does not stop for a robot; it does more than to stop before her."""
+    map, toy, ground = OccupancyMap(), Toy(ROOMS, 2.0, 2.4, 0.0), Ground()
+    policy = policies.make("patrol", ((2.0, 2.4), (4.0, 2.4)))
+    nearest = math.inf
+    for count in range(100):
+        if count % 4 == 0:
+            _walk(ground, toy.time, 5.0, 2.4)
+        _go(policy, toy, map, 0.1, ground)
+        nearest = min(nearest, math.dist((toy.x, toy.y), (5.0 - 0.5 * toy.time, 2.4)))
+    assert nearest > 0.65
+
+
+def test_who_is_lifted_stands_and_others_keep_away() -> None:
+    """Nothing tells where a platform ends: it stands until that is down; no other gets on."""
+    map, toy, ground = OccupancyMap(), Toy(ROOMS, 2.0, 2.4, 0.0), Ground()
+    policy = policies.make("patrol", ((2.0, 2.4), (8.0, 2.4)))
+    told = {}
+    for count in range(60):
+        up = min(max(0, count - 3), max(0, 50 - count), 20) * 0.03  # up, it waits, down again
+        powers = policy.powers(replace(_view(toy, map, ground), height=0.17 + up))
+        told[count] = powers != (0.0, 0.0), policy.why, policy.carried
+        toy.time += 0.1
+    assert told[2] == (True, "", False)
+    assert told[6] == told[30] == told[47] == (False, "the floor under it has risen", True)
+    assert not told[51][2]
+    other = Toy(ROOMS, 1.0, 1.0, 0.7, speed=1.0)
+    places = _go(policies.make("explore", ()), other, map, 30.0, ground)
+    assert min(math.dist((one.x, one.y), (2.0, 2.4)) for one in places) > 1.4
+
+
+def test_a_ramp_is_no_lift() -> None:
+    """What climbs by itself leans."""
+    map, toy, ground = OccupancyMap(), Toy(ROOMS, 2.0, 2.4, 0.0), Ground()
+    policy = policies.make("patrol", ((2.0, 2.4), (8.0, 2.4)))
+    for count in range(20):
+        view = replace(_view(toy, map, ground), height=0.03 * count, lean=(0.0, 0.08))
+        policy.powers(view)
+        toy.time += 0.1
+    assert not policy.carried
+    assert not list(ground.risen())
+
+
 def test_explore_leaves_from_what_its_scanner_never_saw() -> None:
     """O-56: a scanner at the front sees neither the floor under the robot nor what is behind."""
     map, toy = OccupancyMap(), Toy(ROOMS, 1.05, 1.05, ahead=0.2)
@@ -162,15 +224,17 @@ def test_a_robot_that_hangs_tries_something_else() -> None:
     """O-56: wheels that hang over something low turn freely; it backs off in both curves, goes
     straight back, and straight on."""
     map, toy = OccupancyMap(), Toy(ROOMS, 2.0, 2.0)
-    policy, tried, told = policies.make("patrol", ((2.0, 2.0), (4.0, 2.0))), set(), set()
+    policy, tried = policies.make("patrol", ((2.0, 2.0), (4.0, 2.0))), set()
+    told: dict[str, float] = {}
     for _ in range(250):
         tried.add(policy.powers(_view(toy, map)))
-        told.add(policy.why)
+        told.setdefault(policy.why, toy.time)
         toy.time += 0.1
     assert {(-1.0, -1.0), (1.0, 1.0)} <= tried
     assert any(left < right < 0.0 for left, right in tried)
     assert any(right < left < 0.0 for left, right in tried)
-    assert told == {"", "it is caught on something and tries to get free"}
+    assert list(told) == ["", "it is caught on something and tries to get free"]
+    assert max(told.values()) < 2.0  # the first time, too
 
 
 def test_who_pushes_and_turns_is_stuck() -> None:

@@ -281,6 +281,15 @@ def test_a_way_begins_where_the_robot_is() -> None:
     assert told.places_scans(0.3)
 
 
+def test_who_lies_upside_down_maps_nothing() -> None:
+    """Its scans are level, but left is right."""
+    told = Telemetry()
+    for roll, reach in ((0.0, math.inf), (0.1, 3.0), (math.pi, 0.0)):
+        lies = readings.GroundTruth("G", "GroundTruth", 0.1, (0.0, 0.0, 0.0), (roll, 0.0, 0.0))
+        told.feed(lies, 0.1)
+        assert told.flat_reach(0.3) == pytest.approx(reach, abs=0.1)
+
+
 def test_motion_by_kind() -> None:
     """Wheels, speed and steering, velocities."""
     assert b"{Left 50.0" in by_class("USARBot.P3AT").drive(0.5, -0.5)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from usarsim_client import readings
 from usarsim_operator import policies
+from usarsim_operator.evasion import Powers
 from usarsim_operator.ground import Ground
 from usarsim_operator.navigation import Place
 from usarsim_operator.policies import Policy, View
@@ -33,7 +34,7 @@ class _Unattended:
     scan: readings.LaserScan | None = None
     asked: float = -1.0
     acted: bool = False
-    told: policies.Powers = (0.0, 0.0)
+    told: Powers = (0.0, 0.0)
     why: str = ""
 
 
@@ -99,6 +100,10 @@ class Autonomy:
         facts = {"mode": self.mode(driven), "policy": self.policy(driven.name)}
         self._station.event(driven.name, "mode", facts, by=by)
 
+    def carried(self, robot: str) -> bool:
+        """Whether a lift has a robot: what it scans is not what the map is of."""
+        return (found := self._robots.get(robot)) is not None and found.policy.carried
+
     def forget(self, robot: str) -> None:
         """A robot has left."""
         self._robots.pop(robot, None)
@@ -137,7 +142,17 @@ class Autonomy:
         here, lean = (pose[0], pose[1], pose[5]), (pose[3], pose[4])
         ground = self.ground
         ground.mark(self._station.marks.places())
-        view = View(time, here, found.scan, self._station.map, goals, ground, driven.name, lean)
+        view = View(
+            time,
+            here,
+            found.scan,
+            self._station.map,
+            goals,
+            ground,
+            driven.name,
+            lean,
+            -pose[2],
+        )
         left, right = found.policy.powers(view)
         if found.policy.why != found.why:
             found.why = found.policy.why

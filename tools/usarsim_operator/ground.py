@@ -1,8 +1,8 @@
 """Keeps what the unattended robots of a station know of the floor beside their map.
 
 A flat scanner sees one height and misses what is lower. So the robots share the people that a
-camera has seen or an operator has marked, the places where one of them was stopped or tilted,
-where each robot is, and when each place was visited last.
+camera has seen or an operator has marked, the places where one of them was stopped, tilted or
+lifted, where each robot is, and when each place was visited last.
 """
 
 from __future__ import annotations
@@ -19,9 +19,12 @@ PERSON = 0.95
 """m from the pelvis to the feet of somebody who lies: what is kept clear of around a mark."""
 ROBOT = 0.4
 """m from the middle of a robot to its corners."""
+_LIFT = 1.4  # m around a robot that a lift has within which that may be
 _MOST = 1000  # people, and things that were felt
-_TRAIL = 60.0  # simulated s for which somebody who walks may come back
+_TRAIL = 20.0  # simulated s for which somebody who walks may come back
 _STEP = 0.3  # m between two places of a trail
+_WALKS = 3.0  # simulated s between its last two places at which somebody still walks
+_GOES_ON, _SOON = 8.0, 1.0  # simulated s for which one does so unseen, and ahead of now
 _APART, _THING = 0.5, 0.9  # m between places that one thing was felt at
 _TILE = 1.0  # m: side of the tiles that count as visited
 
@@ -34,6 +37,24 @@ class Disc:
     radius: float
 
 
+@dataclass(frozen=True, slots=True)
+class Walker:
+    """Somebody who walks.
+
+    Attributes:
+        place: where they are by now. velocity: m/s along x and y. radius: how far they reach, m.
+    """
+
+    place: Place
+    velocity: Place
+    radius: float
+
+    def disc(self, after: float) -> Disc:
+        """Where they will be after so many s."""
+        (x, y), (dx, dy) = self.place, self.velocity
+        return Disc((x + dx * after, y + dy * after), self.radius)
+
+
 class Ground:
     """The shared knowledge of all robots of one station; times are simulated s."""
 
@@ -42,17 +63,21 @@ class Ground:
         self._marked: list[Disc] = []
         self._felt: deque[tuple[float, Place]] = deque(maxlen=_MOST)
         self._between: deque[tuple[float, Place]] = deque(maxlen=_MOST)
+        self._risen: deque[Disc] = deque(maxlen=_MOST)
         self._robots: dict[str, Place] = {}
         self._visits: dict[tuple[int, int], float] = {}
 
     def keep_clear(self, name: str, disc: Disc, time: float) -> None:
-        """Note where a person was seen. Who walks leaves a trail of discs, and may come back."""
+        """Note where a person was seen. Who walks leaves a trail of discs, and may come back.
+
+        The newest place replaces the one before where that is close to the rest of the trail.
+        """
         if name not in self._people and len(self._people) >= _MOST:
             return
         trail = self._people.setdefault(name, deque())
         while len(trail) > 1 and time - trail[0][0] > _TRAIL:
             trail.popleft()
-        if trail and math.dist(trail[-1][1].place, disc.place) < _STEP:
+        if len(trail) > 1 and math.dist(trail[-1][1].place, trail[-2][1].place) < _STEP:
             trail.pop()
         trail.append((time, disc))
 
@@ -77,6 +102,14 @@ class Ground:
         both = itertools.chain(self._felt, self._between)
         return (place for time, place in both if time >= since)
 
+    def rise(self, place: Place) -> None:
+        """Note where the floor rose under a robot: a lift."""
+        self._risen.append(Disc(place, _LIFT))
+
+    def risen(self) -> Iterator[Disc]:
+        """Discs around those places."""
+        return iter(self._risen)
+
     def stand(self, robot: str, place: Place, time: float) -> None:
         """Note where a robot is; the place counts as visited."""
         self._robots[robot] = place
@@ -90,11 +123,28 @@ class Ground:
         """Drop a robot that has left."""
         self._robots.pop(robot, None)
 
-    def people(self) -> Iterator[Disc]:
-        """Discs around all places where people are or may be."""
+    def people(self, time: float) -> Iterator[Disc]:
+        """Discs around all places where people are or may be: who walks has gone on since."""
+        yield from self.still(time)
+        for trail in self._people.values():
+            if (walker := _walker(trail, time)) is not None:
+                yield from _discs(trail, time)
+                came = math.dist(trail[-1][1].place, walker.place)
+                pace = math.hypot(*walker.velocity)
+                parts = math.ceil((came + pace * _SOON) / _STEP)
+                yield from (walker.disc(_SOON - part * _STEP / pace) for part in range(parts))
+
+    def still(self, time: float) -> Iterator[Disc]:
+        """Discs around who does not walk."""
         yield from self._marked
         for trail in self._people.values():
-            yield from (disc for _, disc in trail)
+            if _walker(trail, time) is None:
+                yield from _discs(trail, time)
+
+    def walkers(self, time: float) -> Iterator[Walker]:
+        """Who walks, seen at this moment or expected."""
+        found = (_walker(trail, time) for trail in self._people.values())
+        return (one for one in found if one is not None)
 
     def others(self, robot: str) -> Iterator[Disc]:
         """Discs around all robots but one."""
@@ -103,6 +153,24 @@ class Ground:
     def visited(self, place: Place) -> float:
         """When a robot was near a place last; minus infinity if none was."""
         return self._visits.get(_tile(place), -math.inf)
+
+
+def _discs(trail: deque[tuple[float, Disc]], time: float) -> Iterator[Disc]:
+    """Where somebody was seen last, and a while ago."""
+    return (disc for since, disc in trail if time - since <= _TRAIL or disc is trail[-1][1])
+
+
+def _walker(trail: deque[tuple[float, Disc]], time: float) -> Walker | None:
+    """Who left a trail, while they walk: as they did between its last two places."""
+    if len(trail) < 2:
+        return None
+    (before, was), (seen, now) = trail[-2], trail[-1]
+    took, unseen = seen - before, time - seen
+    if not 0.0 < took < _WALKS or unseen > _GOES_ON:
+        return None
+    dx, dy = ((new - old) / took for new, old in zip(now.place, was.place, strict=True))
+    walker = Walker(now.place, (dx, dy), now.radius)
+    return Walker(walker.disc(unseen).place, (dx, dy), now.radius)
 
 
 def _tile(place: Place) -> tuple[int, int]:

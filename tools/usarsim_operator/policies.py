@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_client import readings
+from usarsim_operator.evasion import Powers, evade
 from usarsim_operator.ground import Disc, Ground
 from usarsim_operator.navigation import (
     FAR,
@@ -63,6 +64,8 @@ _BESIDE = 0.8  # rad to either side in which what it has begun to climb goes on
 _BACK = 1.5  # simulated s of backing off
 _DOWN = 2.2  # simulated s of it where it has begun to climb
 _LEANS = 0.1  # rad from upright at which it has begun to climb onto something
+_RISES, _RISEN = 0.05, 0.03  # m/s, and m, by which the floor under it rises while it is level
+_LEVEL = 0.05  # rad from upright at which it does not climb by itself
 _CAREFUL = 1.2, 0.7  # m from what was felt to its middle at which it has this power ahead at most
 _CLEAR = 0.38  # m from its middle to what it must not touch, beside how far that reaches
 _NEXT = 0.3  # m: as far on it looks whether it would touch somebody
@@ -72,8 +75,8 @@ _OLDEST = 600.0  # simulated s since the last look that are worth something
 _PACE = 0.3  # m/s on the way there
 _GIVEN_UP, _WIDELY = 0.7, 1.5  # m around a frontier that is given up
 _RETRY = 120.0  # simulated s after which it tries again what it has given up
-_AGAIN = 0.6, 15.0  # m and simulated s within which it is caught again on the same
 _HELD = 0.3  # m within which it is still where it was stuck before
+_IN_ITS_WAY = "somebody, or another robot, is in its way"
 _FREEING = (None, (-CRUISE, -CRUISE), (CRUISE, CRUISE))
 """What is tried in turn while it is stuck at one place: to back off in a curve, then straight, as
 wheels that hang over something low turn freely, then to get over it."""
@@ -88,7 +91,7 @@ class View:
         scan: its newest flat scan; None if it has none.
         map: of all robots. goals: places that others go to, by robot.
         ground: what all robots know beside the map. robot: its name.
-        lean: roll and pitch, rad.
+        lean: roll and pitch, rad. height: m.
     """
 
     time: float
@@ -99,10 +102,7 @@ class View:
     ground: Ground = field(default_factory=Ground)
     robot: str = ""
     lean: tuple[float, float] = (0.0, 0.0)
-
-
-Powers = tuple[float, float]
-"""Of the left and the right wheels, -1 to 1."""
+    height: float = 0.0
 
 
 class Policy(ABC):
@@ -116,6 +116,11 @@ class Policy(ABC):
     name = ""
     goal: Place | None = None
     why = ""
+
+    @property
+    def carried(self) -> bool:
+        """Whether a lift has it."""
+        return False
 
     @abstractmethod
     def powers(self, view: View) -> Powers:
@@ -171,12 +176,14 @@ class _Traveller(Policy):
         self._track: deque[tuple[float, Place]] = deque()
         self._back = -math.inf
         self._side = 0.3
-        self._since, self._unseen = -math.inf, False
+        self._unseen = False
         self._caught, self._tries, self._freeing = (math.inf, math.inf), 0, (0.0, 0.0)
         self._told: Powers = (0.0, 0.0)
         self._pushed = math.inf
         self._push: tuple[float, Place, float] = (0.0, (math.inf, math.inf), 0.0)
         self._came: deque[Place] = deque(maxlen=_STEPS_BACK)
+        self._before: View | None = None
+        self._carried = 0.0
 
     def resume(self) -> None:
         """Looks for its way anew."""
@@ -200,19 +207,49 @@ class _Traveller(Policy):
 
         What is wedged in cannot be choosy about walls.
         """
+        if self._is_carried(view):
+            self.resume()
+            self._told, self.why = (0.0, 0.0), "the floor under it has risen"
+            return self._told
         left, right = self._wanted(view)
         ahead = left + right
         off = math.copysign(_NEXT, ahead)
         meets = bool(ahead) and _meets(view, off)
         if meets:
-            self.why = "somebody, or another robot, is in its way"
+            self.why = _IN_ITS_WAY
         if meets or (ahead < 0.0 and not self._tries and _backs_into_wall(view, off)):
             self._back = -math.inf
             self._due = min(self._due, view.time + _WAIT)
             turn = (left - right) / 2.0 or math.copysign(0.5, self._side)
             left, right = turn, -turn
-        self._told = left, right
+        evades = evade(view, (left, right))
+        if evades != (left, right):
+            self.why, self._back, self._due = _IN_ITS_WAY, -math.inf, view.time
+        self._told = evades
         return self._told
+
+    @property
+    def carried(self) -> bool:
+        """Whether the floor under it has risen, as that of a lift does."""
+        return self._carried > _RISEN
+
+    def _is_carried(self, view: View) -> bool:
+        """Whether it is, from now on; where that happened no robot goes any more.
+
+        Nothing tells where the floor ends: it stands until that is down again.
+        """
+        before, self._before, was = self._before, view, self.carried
+        if before is None:
+            return False
+        rise = view.height - before.height
+        level = max(map(abs, (*view.lean, *before.lean))) < _LEVEL
+        if was or (level and rise > _RISES * (view.time - before.time)):
+            self._carried += rise
+        else:
+            self._carried = 0.0
+        if self.carried and not was:
+            view.ground.rise(view.pose[:2])
+        return self.carried
 
     def _wanted(self, view: View) -> Powers:
         here = view.pose[:2]
@@ -224,11 +261,9 @@ class _Traveller(Policy):
         if self._is_stuck(view) or leans:
             self._unseen = self._feel(view) or leans
             self.blocked(view)
-            off, passed = math.dist(here, self._caught), view.time - self._since
-            self._tries = self._tries + 1 if off < _HELD else 0
-            if off < _AGAIN[0] and passed < _AGAIN[1]:
-                self.why = "it is caught on something and tries to get free"
-            self._caught, self._since, self._side = here, view.time, -self._side
+            self._tries = self._tries + 1 if math.dist(here, self._caught) < _HELD else 0
+            self.why = "it is caught on something and tries to get free"
+            self._caught, self._side = here, -self._side
             self._freeing = self._free_by(leans)
             self._back, self._due = view.time + (_DOWN if leans else _BACK), -math.inf
             self._track.clear()
@@ -281,7 +316,8 @@ class _Traveller(Policy):
         here = view.pose[:2]
         grid = Grid(view.map.cells(), view.map.corner)
         free = grid.passable(here, RADIUS, unknown=self.unknown)
-        for disc in (*view.ground.people(), *view.ground.others(view.robot)):
+        ground = view.ground
+        for disc in (*ground.people(view.time), *ground.others(view.robot), *ground.risen()):
             room = math.dist(here, disc.place) - 0.1  # who is inside may leave, and come no nearer
             if room > 0.0:
                 grid.leave_out(free, disc.place, min(disc.radius + _CLEAR, room))
@@ -530,7 +566,7 @@ def _meets(view: View, off: float) -> bool:
         far = math.dist(there, disc.place)
         return far < disc.radius + _CLEAR and far < math.dist((x, y), disc.place)
 
-    return any(map(nears, (*view.ground.people(), *view.ground.others(view.robot))))
+    return any(map(nears, (*view.ground.people(view.time), *view.ground.others(view.robot))))
 
 
 def _backs_into_wall(view: View, off: float) -> bool:

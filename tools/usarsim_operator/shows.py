@@ -57,7 +57,7 @@ class Shows:
             for page in viewers:
                 page.show("scan", driven.name, data)
         pose = driven.telemetry.place_at(scan.time)
-        if not driven.telemetry.places_scans(now):
+        if not driven.telemetry.places_scans(now) or self._station.autonomy.carried(driven.name):
             return
         if pose is not None and now - self._mapped.get(driven.name, -1.0) >= 1.0:
             self._mapped[driven.name] = now

@@ -251,10 +251,13 @@ class Telemetry:
     def flat_reach(self, off: float) -> float:
         """m from which on the plane of a flat scan is more than `off` m higher or lower than here.
 
-        A robot that leans scans over walls at one side, and the ground at the other.
+        A robot that leans scans over walls at one side, and the ground at the other; one that is
+        upside down scans the wrong side.
         """
         if self.pose is None or self.source == "Odometry":
             return math.inf
+        if self.tipped:
+            return 0.0
         upright = math.cos(self.pose[3]) * math.cos(self.pose[4])
         lean = math.sqrt(max(0.0, 1.0 - upright**2))
         return off / lean if lean > 0.0 else math.inf
