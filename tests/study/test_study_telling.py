@@ -97,7 +97,7 @@ class TestTraining:
         before = screens.message(session, Past(), step, 1, "", lasts=lasts)["text"]
         for text in (before, screens.panel_line(study, step, lasts)):
             assert "mark 2 victims, and touch at most 2 things" in text
-            assert "Behind the fourth are two people" in text
+            assert "Two people are behind the fourth gate" in text
             assert "or after 5 minutes." in text
 
     def test_a_trial_says_its_time(self, tmp_path: Path) -> None:
