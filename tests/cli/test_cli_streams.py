@@ -20,6 +20,7 @@ CHEAP = (
     ("worlds", 0),
     ("serve --no-such-option", 2),
     ("mission list", 0),
+    ("study list", 0),
     ("mission check /nowhere.toml", 2),
     ("explore list", 0),
     ("explore worlds", 0),

@@ -27,6 +27,9 @@ from fake_gateway import FakeGateway
 from test_console_input_access import AUDIT, AXE
 
 from usarsim_study.instruments import nasa_tlx, nasa_tlx_weighted, sus
+from usarsim_study.session.screens import panel_line
+from usarsim_study.session.steps import Session, Step
+from usarsim_study.study_file import read_study, shipped_studies
 
 SCALES = ("mental", "physical", "temporal", "performance", "effort", "frustration")
 
@@ -196,6 +199,49 @@ async def test_a_freeze_hides_the_panel_and_keeps_it(stage: Stage) -> None:
             assert gateway.pages == 1
             await frame.evaluate("unplug()")
             assert desk.states[0].answers == {"nearest": "R2"}
+
+
+CUT = """() => {
+  const grid = document.querySelector(".grid").getBoundingClientRect();
+  const inside = (one, low, high) => {
+    const { top, bottom, height } = one.getBoundingClientRect();
+    return height > 0 && top >= low - 1 && bottom <= high + 1;
+  };
+  const whole = [...document.querySelectorAll("[data-tile], [data-panel=map]")]
+    .every((one) => inside(one, grid.top, grid.bottom));
+  const map = document.querySelector("[data-panel=map] .stage").clientHeight;
+  const rest = [...document.querySelectorAll("[data-do=estop], .strip")]
+    .every((one) => inside(one, 0, innerHeight));
+  const { scrollHeight, clientHeight } = document.querySelector(".grid");
+  return [whole, rest, map >= 100, scrollHeight <= clientHeight];
+}"""
+
+
+@pytest.mark.parametrize(
+    "robots", [4, pytest.param(1, marks=pytest.mark.slow), pytest.param(12, marks=pytest.mark.slow)]
+)
+async def test_a_laptop_shows_all_of_a_panel_without_scrolling(stage: Stage, robots: int) -> None:
+    """HRI-18: the longest line of a shipped study, map, cameras, Stop and the foot are
+    whole, and the page does not scroll."""
+    lines = []
+    for path in shipped_studies():
+        study = read_study(path)
+        tasks = [one for one in Session(study, study.orders[0]).tasks if one.joint]
+        lines += [panel_line(study, Step("panel", one, 1, 1), 300.0) for one in tasks]
+    assert any("Gamepad:" in one and "Training:" in one for one in lines)
+    desk = FakeDesk({"kind": "panel", "line": max(lines, key=len), "url": ""})
+    async with desk.serve() as port:
+        gateway = FakeGateway(robots, framed_by=(f"127.0.0.1:{port}",))
+        async with gateway.serve() as panel:
+            desk.steps[0]["url"] = f"http://127.0.0.1:{panel}/#operator"
+            async with stage.page(port) as page:
+                await until(lambda: gateway.pages == 1)
+                frame = page.frames[1]
+                await becomes(frame, "document.querySelectorAll('.sensors li').length")
+                for width, height in ((1366, 768), (1280, 720)):
+                    await page.set_viewport_size({"width": width, "height": height})
+                    await becomes(frame, f"innerWidth === {width}")
+                    await becomes(frame, f"({CUT})().every(Boolean)")
 
 
 async def test_axe_finds_nothing_grave_on_any_screen(stage: Stage, npm: Any) -> None:

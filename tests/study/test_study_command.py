@@ -10,6 +10,7 @@ import pytest
 
 from usarsim_server import cli
 from usarsim_study.command import COMMANDS
+from usarsim_study.study_file import SHIPPED, read_study
 
 
 def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
@@ -17,6 +18,15 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["study"]) == 0
     out = capsys.readouterr().out
     assert all(name in out for name in COMMANDS)
+
+
+def test_list_names_every_shipped_study(capsys: pytest.CaptureFixture[str]) -> None:
+    """One line each, with its title."""
+    assert cli.main(["study", "list"]) == 0
+    heads, *rows = capsys.readouterr().out.splitlines()
+    assert heads.split()[0] == "NAME"
+    assert [row.split()[0] for row in rows] == [one.stem for one in SHIPPED.glob("*.toml")]
+    assert all(read_study(SHIPPED / f"{row.split()[0]}.toml").title in row for row in rows)
 
 
 def test_only_what_judges_needs_the_extra() -> None:

@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,7 @@ from usarsim_study.folder import FORMS, StudyFolder, append_form, values_of
 from usarsim_study.forms import FormState
 from usarsim_study.measures import MEASURES
 from usarsim_study.records import last_line, read_lines
+from usarsim_study.session.opening import next_participant
 from usarsim_study.synthetic import Plan, make_study
 
 
@@ -75,10 +77,10 @@ class TestFolder:
     def test_kept_values(self, tmp_path: Path) -> None:
         """Values are computed again when the log has grown, and not otherwise."""
         minute().write(tmp_path)
-        values, forms = values_of(tmp_path)
+        values, forms, inferred = values_of(tmp_path)
         kept = tmp_path / "measures.json"
         written = kept.read_bytes()
-        assert values_of(tmp_path) == (values, forms)
+        assert values_of(tmp_path) == (values, forms, inferred)
         kept.write_bytes(written.replace(b'"dwell","team","",20.0', b'"dwell","team","",21.0'))
         assert next(v.value for v in values_of(tmp_path)[0] if v.measure == "dwell") == 21.0
         with (tmp_path / "events.jsonl").open("a") as file:
@@ -111,6 +113,24 @@ class TestExport:
                         [re.sub(r"^(-?\d+)\.(\d+)$", rf"\1{point}\2", cell) for cell in row]
                     )
         assert tables.read(tmp_path) == dataset
+
+    def test_tables_of_an_earlier_version(self, dataset: Dataset, tmp_path: Path) -> None:
+        """They do not say who was scripted or what was inferred: people, and not known."""
+        tables.write(dataset, tmp_path)
+        for name in ("participants", "trials"):
+            path = tmp_path / f"{name}.csv"
+            with path.open(newline="") as file:
+                rows = list(csv.DictReader(file))
+            with path.open("w", newline="") as file:
+                new = ("scripted", "inferred_stops")
+                kept = [key for key in rows[0] if key not in new]
+                writer = csv.DictWriter(file, kept, extrasaction="ignore")
+                writer.writeheader()
+                writer.writerows(rows)
+        found = tables.read(tmp_path)
+        assert found.participants == dataset.participants
+        assert {one.inferred_stops for one in found.trials} == {None}
+        assert [one.values for one in found.trials] == [one.values for one in dataset.trials]
 
     def test_missing_is_empty(self, dataset: Dataset, tmp_path: Path) -> None:
         """An aborted trial, an excluded participant and a skipped item are empty cells, not 0."""
@@ -171,6 +191,55 @@ class TestExport:
         path.write_text(path.read_text().replace(old, new, 1))
         with pytest.raises(StudyError, match=r"trials\.csv"):
             tables.read(tmp_path)
+
+
+class TestScripted:
+    """Participants made by code are told from people wherever a reader may look."""
+
+    def test_file_table_and_report(self, tmp_path: Path) -> None:
+        """A field, a column, and a warning before all else; a file of before it means a person."""
+        pytest.importorskip("scipy")
+        folder = make_study(tmp_path, Plan(4))
+        text = "made by code"
+        codes = [one.code for one in folder.participants()]
+        for code in codes:
+            path = folder.place(code) / "participant.json"
+            told = json.loads(path.read_text())
+            assert told.pop("scripted") is False
+            path.write_text(json.dumps(told))
+        assert cli.main(["study", "report", str(tmp_path)]) == 0
+        assert text not in (tmp_path / "report.html").read_text()
+        for one in folder.participants()[:2]:
+            folder.store(replace(one, scripted=True))
+        assert cli.main(["study", "report", str(tmp_path)]) == 0
+        first = (tmp_path / "report.md").read_text().split("\n\n")[1]
+        told = f"Partly scripted: 2 of 4 participants were made by code ({codes[0]}, {codes[1]})."
+        assert first.startswith(told)
+        for one in folder.participants():
+            folder.store(replace(one, scripted=True))
+        assert cli.main(["study", "report", str(tmp_path)]) == 0
+        first = (tmp_path / "report.md").read_text().split("\n\n")[1]
+        assert first.startswith("Scripted: 4 participants made by code, no people.")
+        assert "Scripted: 4" in (tmp_path / "report.html").read_text().partition("</h1>")[2][:100]
+        for name in ("data/participants.csv", "data/trials.csv", "summary.csv"):
+            with (tmp_path / name).open(newline="") as file:
+                assert {row["scripted"] for row in csv.DictReader(file)} == {"1"}, name
+        with (tmp_path / "results.csv").open(newline="") as file:
+            assert {row["n_scripted"] for row in csv.DictReader(file)} == {"4"}
+
+    def test_neither_goes_on_with_the_other(self, tmp_path: Path) -> None:
+        """A script leaves a person's session alone that was cut off, and the other way round."""
+        (tmp_path / "study.toml").write_text(STUDY)
+        folder = StudyFolder(tmp_path)
+        person, made = folder.admit("2026-01-15"), folder.admit("2026-01-15", scripted=True)
+        for one in (person, made):
+            with next_participant(folder, scripted=one.scripted) as found:
+                assert found == one
+        with (
+            pytest.raises(StudyError, match=f"participant {made.code} is made by code"),
+            next_participant(folder, made.code),
+        ):
+            pass
 
 
 class Killed(BaseException):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,10 +13,12 @@ from hypothesis import strategies as st
 from logs import Log, minute, pooled_operators, two_operators, with_latencies
 
 from usarsim_server.base.errors import UsarsimError
+from usarsim_study.dataset import collect
 from usarsim_study.errors import StudyError
 from usarsim_study.measures import MEASURES, Part, compute, markdown, team
 from usarsim_study.measures.victims import display_to_mark_times
 from usarsim_study.records import read_lines, read_records
+from usarsim_study.synthetic import Plan, make_study
 from usarsim_study.trial import Trial, without
 
 BY_HAND = {
@@ -251,6 +254,54 @@ class TestMissing:
             if record["kind"] == "form" and record["form"] == "sus":
                 del record["answers"]["sus_4"]
         assert team(Trial(records))["sus"] is None
+
+
+class TestLettingGo:
+    """Logs of earlier versions have no command when an operator lets go."""
+
+    def log(self, *, whole: bool) -> Log:
+        """R1 is driven from 1 s to 3 s and from 20 s to 22 s of half a minute."""
+        log = Log()
+        log.say(0.0, "session", robots=[{"name": "R1", "class": "P3AT"}])
+        log.say(0.0, "connect", page=1, role="operator", name="Ada", on=True)
+        log.say(0.0, "trial_start", limit=30.0)
+        log.say(0.0, "select", page=1, robot="R1")
+        for begin, end in ((1.0, 3.0), (20.0, 22.0)):
+            for time, power in ((begin, 0.5), (end, 0.0), (end + 0.05, 0.0)):
+                said = {"type": "drive", "robot": "R1", "left": power, "right": power}
+                log.say(time, "input", page=1, role="operator", text=said)
+                told = f"DRIVE {{Left {power}}} {{Right {power}}}"
+                if power or (whole and time == end):
+                    log.say(time, "command", robot="R1", source="operator", text=told)
+        log.say(30.0, "trial_end", why="time")
+        return log
+
+    def test_it_is_inferred_from_what_the_page_said(self) -> None:
+        """Measures are those of the same trial with the commands; how often is told."""
+        old, new = (Trial(self.log(whole=whole).records) for whole in (False, True))
+        values = team(old)
+        assert values == team(new)
+        assert values["teleoperation_share"] == pytest.approx(4.0 / 30.0)
+        assert values["teleoperations"] == 2.0
+        assert (old.inferred_stops, new.inferred_stops) == (2, 0)
+
+    def test_the_report_says_so(self, tmp_path: Path) -> None:
+        """And of tables of an earlier version that nobody knows; not where logs are whole."""
+        pytest.importorskip("scipy")
+        from usarsim_study import report
+        from usarsim_study.analysis import analyse
+
+        folder = make_study(tmp_path, Plan(4))
+        assert "let go" not in report.Sections(analyse(collect(folder))).markdown()
+        run = folder.attempts(folder.participants()[0].code)[0].path
+        self.log(whole=False).write(run)
+        (run / "truth.jsonl").write_text("")
+        found = collect(folder)
+        assert [one.inferred_stops for one in found.trials] == [2, *[0] * 7]
+        assert "in 1 of 8 trials the log" in report.Sections(analyse(found)).markdown()
+        trials = [replace(one, inferred_stops=None) for one in found.trials]
+        text = report.Sections(analyse(replace(found, trials=tuple(trials)))).markdown()
+        assert "8 of 8 trials were exported by an earlier version" in text
 
 
 class TestReading:

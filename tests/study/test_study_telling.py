@@ -6,17 +6,20 @@ import asyncio
 import re
 from pathlib import Path
 
+import pytest
 from desk_pages import STUDY, Seat, desk, write_study
 from logs import minute
 
 from usarsim_mission.match.conditions import Conditions
+from usarsim_operator.alarms import SEVERITY
+from usarsim_operator.injects import WHOM
 from usarsim_study.assignment import Cell
 from usarsim_study.folder import StudyFolder
-from usarsim_study.session import screens
+from usarsim_study.session import happenings, screens
 from usarsim_study.session.attempt import Attempt
 from usarsim_study.session.desk import Desk, Run
 from usarsim_study.session.opening import consent_of
-from usarsim_study.session.staging import Options, prepare
+from usarsim_study.session.staging import Options, limit_of, prepare
 from usarsim_study.session.steps import Past, Session, Step, Task
 from usarsim_study.session.web import Web
 from usarsim_study.study_file import SHIPPED, Study, read_study
@@ -77,6 +80,84 @@ class TestControls:
         assert table["choose a robot"] == ("1 to 9, or the list", "A B X Y")
         assert table["stop everything"] == ("Space, or Esc twice", "both sticks pressed")
         assert table["mark a victim"][0] == "M, then Enter"
+
+
+class TestTraining:
+    """Participants read what a training is for, and how long it lasts."""
+
+    @pytest.mark.parametrize("name", ["rsarsim", "scaling"])
+    def test_of_the_shipped_studies(self, name: str, tmp_path: Path) -> None:
+        """Before it and above its panel: the gates, what is behind them, and the time."""
+        (tmp_path / "study.toml").write_bytes((SHIPPED / f"{name}.toml").read_bytes())
+        study = read_study(tmp_path / "study.toml")
+        session = Session(study, study.orders[0])
+        task = next(one for one in session.tasks if one.kind == "training")
+        step = Step("ready", task, 1, 1)
+        lasts = limit_of(study, tmp_path, task, 45.0)
+        before = screens.message(session, Past(), step, 1, "", lasts=lasts)["text"]
+        for text in (before, screens.panel_line(study, step, lasts)):
+            assert "mark 2 victims, and touch at most 2 things" in text
+            assert "Two people are behind the fourth gate" in text
+            assert "or after 5 minutes." in text
+
+    def test_a_trial_says_its_time(self, tmp_path: Path) -> None:
+        """That of its mission, or the one that the desk was told; in the session itself."""
+        study = study_of(tmp_path, STUDY)
+        task = Task("trial", 1, cell=Cell("plain", "A"))
+        assert limit_of(study, tmp_path, task, None) == 4.0
+        assert limit_of(study, tmp_path, task, 3.0) == 3.0
+
+        async def go() -> None:
+            async with desk(tmp_path / "study.toml") as room, room.seat() as page:
+                await page.press("Two ways")
+                await page.fill_in("experience", games=3)
+                step = await page.at("text", "Trial 1")
+                assert "The trial lasts at most 4 seconds." in step["text"]
+
+        asyncio.run(go())
+        assert screens.duration(90.0) == "1 minute and 30 seconds"
+
+
+class TestHappenings:
+    """What has happened is told to the experimenter in plain sentences."""
+
+    @pytest.mark.parametrize(
+        "record",
+        [
+            *({"kind": "trial_end", "why": one} for one in happenings.ENDS),
+            *({"kind": "alarm", "robot": "R1", "cause": one} for one in SEVERITY),
+            *({"kind": "inject", "do": one, WHOM[one]: "R1", "done": True} for one in WHOM),
+            *({"kind": "inject", "do": one, "done": False, "why": "no R9"} for one in WHOM),
+            *({"kind": "found", "victim": "V1", "how": one} for one in happenings.FOUND),
+            *({"kind": "lost", "robot": "R1", "why": one} for one in happenings.LOST),
+            *({"kind": "credit", "victim": "V1", "credited": one} for one in (True, False)),
+            {"kind": "trial_start"},
+            {"kind": "error", "text": "the server died"},
+        ],
+        ids=str,
+    )
+    def test_no_word_of_the_log_is_left(self, record: dict[str, object]) -> None:
+        """Each kind, cause and end there is has a sentence of its own."""
+        told = happenings.sentence(record, 75.2)
+        assert re.fullmatch(r"01:15 [A-Z].* .*\.", told), told
+        assert "_" not in told
+        assert "None" not in told
+
+    def test_every_cause_has_its_words(self) -> None:
+        """All alarms and all that can be made to happen are in the table."""
+        assert set(happenings.ALARMS) == set(SEVERITY)
+        assert set(happenings.INJECTS) == set(WHOM)
+
+    def test_as_the_experimenter_reads_them(self) -> None:
+        """Whole sentences, the end of an attempt too; what is not in the table is not told."""
+        told = happenings.sentence
+        inject = {"kind": "inject", "do": "robot_fails", "robot": "R4", "lasts": 60.0}
+        assert told(inject, 5.0) == "00:05 R4 fails, for 60 s."
+        found = {"kind": "found", "victim": "V1", "robot": "R2", "how": "mark"}
+        assert told(found, 0.0) == "00:00 R2 has found V1 by a mark."
+        assert told({"kind": "truth"}, 0.0) == ""
+        ended = happenings.attempt_told("trial 1 of 2", "void", "the server died")
+        assert ended == "Trial 1 of 2 is void and will be repeated (the server died)."
 
 
 class TestWelcome:

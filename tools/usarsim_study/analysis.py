@@ -161,6 +161,9 @@ class Analysis:
             attempt.
         outcomes: the primary one, then secondary ones. described: all others that have values.
         misread: by column of the tables the words that pandas and R read as missing values.
+        scripted: of those who count, who were made by code.
+        inferred, untold: trials of those who count whose logs lack commands where operators let
+            go, and of which nobody knows.
     """
 
     title: str
@@ -179,6 +182,9 @@ class Analysis:
     orders: tuple[OrderEffect, ...]
     preferences: tuple[Preference, ...]
     misread: dict[str, tuple[str, ...]]
+    scripted: tuple[ParticipantRow, ...]
+    inferred: tuple[TrialRow, ...]
+    untold: tuple[TrialRow, ...]
 
 
 def analyse(dataset: Dataset) -> Analysis:
@@ -233,6 +239,11 @@ def analyse(dataset: Dataset) -> Analysis:
         else (),
         preferences=_preferences(dataset, codes, conditions),
         misread=misread_words(dataset),
+        scripted=tuple(one for one in counted if one.scripted),
+        inferred=tuple(one for one in trials if one.inferred_stops),
+        untold=tuple(
+            one for one in trials if one.status == "complete" and one.inferred_stops is None
+        ),
     )
 
 

@@ -1,4 +1,4 @@
-"""`usarsim study`: check, run, evaluate and export studies of operators."""
+"""`usarsim study`: list, check, run, evaluate and export studies of operators."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import importlib
 
 from usarsim_server.cli.common import Subparsers, add_command
 
-COMMANDS = ("check", "run", "simulate", "power", "export", "report", "forget")
+COMMANDS = ("check", "list", "run", "simulate", "power", "export", "report", "forget")
 """Files of `commands`, in the order of the help: each defines `add_parser(subparsers)`."""
 
 _EPILOG = (

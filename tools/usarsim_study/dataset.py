@@ -17,7 +17,7 @@ from usarsim_study.trial import Record
 
 @dataclass(frozen=True, slots=True)
 class ParticipantRow:
-    """One participant; status other than `complete` needs a reason."""
+    """One participant; status other than `complete` needs a reason. scripted: 1: made by code."""
 
     participant: str
     number: int
@@ -25,11 +25,17 @@ class ParticipantRow:
     day: str
     status: str
     reason: str
+    scripted: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class TrialRow:
-    """One trial that was planned; of several attempts the last. values: the team's by measure."""
+    """One trial that was planned; of several attempts the last.
+
+    Attributes:
+        values: the team's by measure. scripted: of the participant.
+        inferred_stops: see `Trial.inferred_stops`; None: there is no log, or nobody knows.
+    """
 
     participant: str
     trial: int
@@ -39,6 +45,8 @@ class TrialRow:
     status: str
     reason: str
     values: dict[str, float | None]
+    scripted: int = 0
+    inferred_stops: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +115,8 @@ def collect(folder: StudyFolder) -> Dataset:
     for one in folder.participants():
         order = folder.orders[one.number]
         index = folder.study.orders.index(order) + 1 if order in folder.study.orders else 0
-        people.append(ParticipantRow(one.code, one.number, index, one.day, one.status, one.reason))
+        told = (one.code, one.number, index, one.day, one.status, one.reason, int(one.scripted))
+        people.append(ParticipantRow(*told))
         answers += _unblinded(_answers(one.code, 0, folder.forms(one.code)), folder.study, order)
         attempts = {attempt.trial: attempt for attempt in folder.attempts(one.code)}
         for number, cell in enumerate(order, start=1):
@@ -138,16 +147,17 @@ def _trial(
 ) -> tuple[TrialRow, list[Value], list[Record]]:
     values: list[Value] = []
     forms: list[Record] = []
-    count, status, reason = 0, "missing", one.reason
+    count, status, reason, inferred = 0, "missing", one.reason, None
     if attempt is not None:
         count, status, reason = attempt.attempt, attempt.status, attempt.reason
         if status == "running":
             status, reason = "aborted", reason or "cut off"
         if status == "complete":
-            values, forms = values_of(attempt.path)
+            values, forms, inferred = values_of(attempt.path)
     team: dict[str, float | None] = dict.fromkeys(MEASURES)
     team |= {value.measure: value.value for value in values if value.level == "team"}
-    row = TrialRow(one.code, number, count, cell.condition, cell.layout, status, reason, team)
+    told = (one.code, number, count, cell.condition, cell.layout, status, reason, team)
+    row = TrialRow(*told, int(one.scripted), inferred)
     return row, values, forms
 
 

@@ -3,7 +3,7 @@
     study.toml            the study
     allocation.csv        who meets what in which order; the key of a blind study
     numbers/0001          participants' numbers that are given away
-    participants/CODE/participant.json    {"code", "number", "day", "status", "reason"}
+    participants/CODE/participant.json    {"code", "number", "day", "status", "reason", "scripted"}
     participants/CODE/forms.jsonl         records `form` of before and after, see `forms.FormState`
     participants/CODE/steps.jsonl         what else is done: {"passed", "seat"}
     participants/CODE/training-1/         like a trial
@@ -56,18 +56,26 @@ TrialStatus = Literal["running", "complete", "aborted", "void", "missing", "pass
 """How an attempt ended; `passed` and `failed` are of trainings."""
 Stage = Literal["trial", "training"]
 
+_COMPUTED = 2  # raised when values of the same logs change
+
 _ATTEMPT = re.compile(r"(?P<stage>trial|training)-(?P<number>[0-9]+)(?:-(?P<attempt>[0-9]+))?")
 
 
 @dataclass(frozen=True, slots=True)
 class Participant:
-    """One participant. day: of the session, no finer; reason: why not complete."""
+    """One participant.
+
+    Attributes:
+        code, number: who. day: of the session, no finer. reason: why not complete.
+        scripted: made by code. Files of earlier versions do not say so: people.
+    """
 
     code: str
     number: int
     day: str
     status: Status = "running"
     reason: str = ""
+    scripted: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,11 +115,11 @@ class StudyFolder:
         """The trials of each number, from the list."""
         return read_allocation(self.path / ALLOCATION)
 
-    def admit(self, day: str) -> Participant:
+    def admit(self, day: str, *, scripted: bool = False) -> Participant:
         """A new participant, with the next number and a random code; on disk when this returns.
 
         Args:
-            day: YYYY-MM-DD.
+            day: YYYY-MM-DD. scripted: made by code.
 
         Raises:
             StudyError: the list of assignments has no more numbers.
@@ -123,7 +131,8 @@ class StudyFolder:
                 f"{self.path / ALLOCATION}: has no participant {number} (plan more participants "
                 "in a new study)"
             )
-        participant = Participant(new_code(one.code for one in self.participants()), number, day)
+        code = new_code(one.code for one in self.participants())
+        participant = Participant(code, number, day, scripted=scripted)
         place = self.place(participant.code)
         place.parent.mkdir(parents=True, exist_ok=True)
         place.mkdir(mode=FOLDER_MODE)
@@ -232,11 +241,11 @@ def _remove(path: Path) -> None:
         path.unlink()
 
 
-def values_of(folder: Path) -> tuple[list[Value], list[Record]]:
-    """All values of a run, and its forms; kept in `measures.json` beside the logs.
+def values_of(folder: Path) -> tuple[list[Value], list[Record], int]:
+    """All values of a run, its forms, and how many stops of driving had to be inferred.
 
-    What is kept is used again as long as the logs are as long as they were and the measures are
-    the same.
+    They are kept in `measures.json` beside the logs, and used again as long as the logs are as
+    long as they were and the measures are the same.
 
     Raises:
         StudyError: a log is damaged.
@@ -245,21 +254,21 @@ def values_of(folder: Path) -> tuple[list[Value], list[Record]]:
         (folder / name).stat().st_size if (folder / name).exists() else -1
         for name in (EVENTS, TRUTH, SCORE, FORMS)
     ]
-    stamp = [*sizes, [[one.name, one.definition] for one in MEASURES.values()]]
+    stamp = [_COMPUTED, *sizes, [[one.name, one.definition] for one in MEASURES.values()]]
     try:
         kept = parse_json((folder / CACHE).read_text(encoding="utf-8"))
         if kept["stamp"] == stamp:
-            return [Value(*one) for one in kept["values"]], kept["forms"]
+            return [Value(*one) for one in kept["values"]], kept["forms"], int(kept["inferred"])
     except (OSError, ValueError, KeyError, TypeError):
         pass
     records = read_records(folder)
     score = _read_json(folder / SCORE) if (folder / SCORE).exists() else {}
     trial = Trial(records, score)
-    values, forms = list(compute(trial)), trial.all("form")
+    values, forms, inferred = list(compute(trial)), trial.all("form"), trial.inferred_stops
     rows = [[one.measure, one.level, one.who, one.value] for one in values]
-    content = {"stamp": stamp, "values": rows, "forms": forms}
+    content = {"stamp": stamp, "values": rows, "forms": forms, "inferred": inferred}
     write_text(folder / CACHE, json.dumps(content, separators=(",", ":")) + "\n", private=True)
-    return values, forms
+    return values, forms, inferred
 
 
 def append_form(path: Path, states: Iterable[dict[str, Any]]) -> None:

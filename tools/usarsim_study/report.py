@@ -53,7 +53,9 @@ class Sections(Page):
 
     def __init__(self, analysis: Analysis) -> None:
         super().__init__(analysis.title)
+        _made(self, analysis)
         _glance(self, analysis)
+        _logs(self, analysis)
         _words(self, analysis)
         _people(self, analysis)
         _primary(self, analysis)
@@ -62,6 +64,44 @@ class Sections(Page):
         _preferences(self, analysis)
         _described(self, analysis)
         _methods(self, analysis)
+
+
+def _made(page: Page, analysis: Analysis) -> None:
+    """Whether those who count are people."""
+    made, all_ = len(analysis.scripted), len(analysis.counted)
+    if not made:
+        return
+    if made == all_:
+        who = f"Scripted: {counted(made, 'participant', 'participants')} made by code, no people."
+        rest = "What follows tries the study out, and says nothing about people."
+    else:
+        codes = ", ".join(one.participant for one in analysis.scripted)
+        who = f"Partly scripted: {made} of {all_} participants were made by code ({codes})."
+        rest = "What follows mixes them with people, and says nothing about people alone."
+    page.paragraph(f"{who} {rest}", "warning")
+
+
+def _logs(page: Page, analysis: Analysis) -> None:
+    """What logs of earlier versions lack."""
+    which = (
+        "Teleoperation share, teleoperations, interaction time, neglect time, attention demand "
+        "and fan-out"
+    )
+    all_ = len(analysis.trials)
+    if analysis.inferred:
+        page.paragraph(
+            f"Warning: in {len(analysis.inferred)} of {counted(all_, 'trial', 'trials')} the log, "
+            "of an earlier version, has no command where operators let go of the keys or the "
+            f"stick. {which} of these trials go by what the operators' pages said instead.",
+            "warning",
+        )
+    if analysis.untold:
+        page.paragraph(
+            f"Warning: the tables of {len(analysis.untold)} of {counted(all_, 'trial', 'trials')} "
+            f"were exported by an earlier version. {which} may count on after operators had let "
+            "go; export them again from the folder of the study.",
+            "warning",
+        )
 
 
 def _glance(page: Page, analysis: Analysis) -> None:
@@ -480,7 +520,7 @@ def results(analysis: Analysis) -> str:
     heads = (
         *("measure", "role", "unit", "first", "second", "n_first", "n_second", "mean_first"),
         *("mean_second", "median_first", "median_second", "difference", "low", "high", "p"),
-        *("holm_p", "effect", "standardised"),
+        *("holm_p", "effect", "standardised", "n_scripted"),
     )
     rows: list[list[Cellular]] = []
     for outcome in analysis.outcomes:
@@ -500,6 +540,7 @@ def results(analysis: Analysis) -> str:
                     *(one.p, one.holm),
                     result.rank_biserial if isinstance(result, Paired) else result.delta,
                     result.dz if isinstance(result, Paired) else result.d,
+                    len(analysis.scripted),
                 ]
             )
     return csv_text(heads, rows)

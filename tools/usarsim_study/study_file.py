@@ -136,6 +136,12 @@ class Training:
     contacts: int = field(default=2, low=0, high=1000, help="at most so many collisions")
     victims: int = field(default=2, low=0, high=1000, help="at least so many marked rightly")
     attempts: int = field(default=5, low=1, high=100, help="then the participant is excluded")
+    text: str = field(
+        default="",
+        parse=_paragraphs,
+        expects="a text",
+        help="what participants read before it and above the panel: what is where, what to do",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,10 +322,15 @@ def find_study(name: str) -> Path:
         return path / FILE
     if is_regular(path):
         return path
-    shipped = {one.stem: one for one in sorted(SHIPPED.glob("*.toml"))}
+    shipped = {one.stem: one for one in shipped_studies()}
     if name in shipped:
         return shipped[name]
     raise StudyError(at(path, "no such study", f"{suggest(name, tuple(shipped))} or name a file"))
+
+
+def shipped_studies() -> tuple[Path, ...]:
+    """The files of all studies that come along, by name."""
+    return tuple(sorted(SHIPPED.glob("*.toml")))
 
 
 def begun(folder: Path) -> bool:

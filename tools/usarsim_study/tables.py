@@ -40,16 +40,31 @@ Type = Literal["string", "integer", "number"]
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of a table."""
+    """A column of a table. earlier: its cells in tables of versions that did not write it."""
 
     name: str
     type: Type
     meaning: str
     unit: str = ""
     source: str = ""
+    earlier: str | None = None
 
 
 _CODE = Column("participant", "string", "random code of the participant")
+_SCRIPTED = Column(
+    "scripted",
+    "integer",
+    "1: made by code (study run --scripted), no person; 0: a person, or from before this was told",
+    earlier="0",
+)
+_INFERRED = Column(
+    "inferred_stops",
+    "number",
+    "how often an operator let go and the log, of an earlier version, has no command of it: "
+    "teleoperation_share, teleoperations, interaction_time, neglect_time, attention_demand and "
+    "fan_out then go by what the operator's page said; empty: no log, or not known",
+    earlier="",
+)
 _TRIAL = Column("trial", "integer", "position of the trial, from 1; 0: before or after all")
 
 TABLES: dict[str, tuple[Column, ...]] = {
@@ -60,6 +75,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("day", "string", "of the session, YYYY-MM-DD"),
         Column("status", "string", "complete, running, withdrawn or excluded"),
         Column("reason", "string", "why it is not complete"),
+        _SCRIPTED,
     ),
     "trials": (
         _CODE,
@@ -69,6 +85,8 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("layout", "string", "where"),
         Column("status", "string", "complete, aborted, void or missing"),
         Column("reason", "string", "why it is not complete, or ended before its time"),
+        _SCRIPTED,
+        _INFERRED,
         *(
             Column(one.name, "number", f"{one.title}: {one.definition}", one.unit, one.source)
             for one in MEASURES.values()
@@ -106,7 +124,12 @@ def write(dataset: Dataset, folder: Path) -> list[Path]:
     rows: dict[str, Iterable[Sequence[Cellular]]] = {
         "participants": (_plain(one) for one in dataset.participants),
         "trials": (
-            (*_plain(one)[:-1], *(one.values.get(name) for name in MEASURES))
+            [
+                one.values.get(column.name)
+                if column.name in MEASURES
+                else getattr(one, column.name)
+                for column in TABLES["trials"]
+            ]
             for one in dataset.trials
         ),
         "parts": (_plain(one) for one in dataset.parts),
@@ -164,9 +187,11 @@ def _plain(row: Any) -> list[Cellular]:
 
 def _rows(folder: Path, table: str) -> list[dict[str, Cellular]]:
     path = folder / f"{table}.csv"
-    columns = {one.name: one.type for one in TABLES[table]}
     cure = "mend or export it again"
     found = read_csv(path, StudyError, cure)
+    there = [one for one in TABLES[table] if one.earlier is None or one.name in found.heads]
+    columns = {one.name: one.type for one in there}
+    lacking = {one.name: one for one in TABLES[table] if one.name not in columns}
     if list(found.heads) != list(columns):
         raise StudyError(at(path, f"has other columns than {DICTIONARY} says", "export it again"))
     readers: dict[Type, Callable[[str], Cellular]] = {
@@ -183,6 +208,7 @@ def _rows(folder: Path, table: str) -> list[dict[str, Cellular]]:
             except ValueError:
                 problem, where = f"{cells[name]!r} is no {kind}", f"line {line}: {name}"
                 raise StudyError(at(path, problem, cure, where=where)) from None
+        row.update({name: readers[one.type](one.earlier or "") for name, one in lacking.items()})
     return rows
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -35,6 +35,12 @@ COMPLETE = frozenset({"time", "operator", "all_found"})
 """Ends of trials that count; others are missing data."""
 
 _OWN = frozenset({"operator"})
+_WISHES: Mapping[str, tuple[str, ...]] = {
+    "drive": ("left", "right"),
+    "steer": ("speed", "steer"),
+    "fly": ("altitude", "linear", "lateral", "rotational"),
+}
+"""What an operator's page says to drive; all of it 0: keys and stick are let go."""
 _ZERO = re.compile(r"[-+]?0*\.?0*(e[-+]?\d+)?", re.IGNORECASE)
 _PARAMETER = re.compile(r"\{\s*\S+\s+(?P<value>[^{}]*?)\s*\}")
 
@@ -223,8 +229,12 @@ class Trial:
         return tuple(sorted(found, key=lambda one: (one.begin, one.who)))
 
     @cached_property
-    def commands(self) -> tuple[Command, ...]:
-        """What operators told robots; each command holds until the robot's next one."""
+    def _told(self) -> dict[str, list[tuple[Record, str]]]:
+        """Commands by robot, each with the operator.
+
+        Logs of earlier versions have no command when an operator lets go, only what the page said:
+        the command is inferred from that, a record `command` that is `inferred`.
+        """
         selected: dict[str, Any] = {}
         driver: dict[Any, str] = {}
         told: dict[str, list[tuple[Record, str]]] = defaultdict(list)
@@ -237,14 +247,36 @@ class Trial:
                     text = record.get("text")
                     named = text.get("robot") if isinstance(text, dict) else None
                     if who:
-                        driver[named or selected.get(who)] = who
+                        robot = str(named or selected.get(who))
+                        driver[robot] = who
+                        rows = told.get(robot)
+                        if rows and _lets_go(text) and _driven_by(rows[-1], who):
+                            stop = {"kind": "command", "robot": robot, "source": "operator"}
+                            rows.append(({**stop, "t_sim": record["t_sim"], "inferred": True}, who))
                 case "command":
                     robot = str(record["robot"])
                     who = self.operator(record.get("page")) or driver.get(robot, "")
                     who = who or next((one for one, it in selected.items() if it == robot), "")
-                    told[robot].append((record, who))
+                    rows = told[robot]
+                    if rows and rows[-1][0].get("inferred") and _same_time(rows[-1][0], record):
+                        rows.pop()  # the log has the command itself
+                    rows.append((record, who))
+        return told
+
+    @property
+    def inferred_stops(self) -> int:
+        """How often within the trial an operator let go and the log has no command of it."""
+        return sum(
+            bool(record.get("inferred")) and self.begin <= record["t_sim"] <= self.end
+            for rows in self._told.values()
+            for record, _ in rows
+        )
+
+    @cached_property
+    def commands(self) -> tuple[Command, ...]:
+        """What operators told robots; each command holds until the robot's next one."""
         found = []
-        for robot, rows in told.items():
+        for robot, rows in self._told.items():
             last: object = None
             for place, (record, who) in enumerate(rows):
                 following = rows[place + 1][0]["t_sim"] if place + 1 < len(rows) else math.inf
@@ -330,6 +362,24 @@ def _dwell_at(dwells: Sequence[Span], time: float) -> int:
         if one.begin <= time <= one.end:
             return place
     return -1
+
+
+def _lets_go(text: object) -> bool:
+    """Whether a page says that nothing drives any more."""
+    if not isinstance(text, dict):
+        return False
+    said = [text[key] for key in _WISHES.get(str(text.get("type")), ()) if key in text]
+    return bool(said) and not any(said)
+
+
+def _driven_by(told: tuple[Record, str], who: str) -> bool:
+    """Whether a command is one of this operator that moves something."""
+    record, driver = told
+    return driver == who and record.get("source") in _OWN and _drives(record)
+
+
+def _same_time(one: Record, other: Record) -> bool:
+    return abs(float(one["t_sim"]) - float(other["t_sim"])) <= CLOCK
 
 
 def _drives(record: Record) -> bool:

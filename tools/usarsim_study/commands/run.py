@@ -187,7 +187,12 @@ async def _serve(arguments: argparse.Namespace, folder: StudyFolder) -> None:
                 continue
             print(f"DESK {url} {SEATS[seat]}", flush=True)
         await lead_sessions(
-            folder, pages, runner, code=arguments.participant, sessions=arguments.sessions
+            folder,
+            pages,
+            runner,
+            code=arguments.participant,
+            sessions=arguments.sessions,
+            seconds=arguments.trial_seconds,
         )
 
 

@@ -210,7 +210,15 @@ async def run_scripted(
             for place, seat in enumerate(crowd.seats, start=1)
         ]
         leading = asyncio.create_task(
-            lead_sessions(folder, pages, runner, sessions=sessions, begins=crowd.begins)
+            lead_sessions(
+                folder,
+                pages,
+                runner,
+                sessions=sessions,
+                seconds=options.seconds,
+                scripted=True,
+                begins=crowd.begins,
+            )
         )
         try:
             done, _ = await asyncio.wait((leading, *sitting), return_when=asyncio.FIRST_COMPLETED)

@@ -23,9 +23,10 @@ from usarsim_study.errors import StudyError
 from usarsim_study.folder import TrialStatus
 from usarsim_study.forms import FormState
 from usarsim_study.session.desk import RETRY, Desk
+from usarsim_study.session.happenings import attempt_told, sentence
 from usarsim_study.session.notebook import broken, form_record
 from usarsim_study.session.probes import Scene, probe_form, probe_record
-from usarsim_study.session.screens import many, panel_line
+from usarsim_study.session.screens import many, panel_line, task_told
 from usarsim_study.session.staging import (
     Options,
     condition_of,
@@ -37,11 +38,6 @@ from usarsim_study.session.staging import (
 from usarsim_study.session.steps import Step
 from usarsim_study.session.talk import Ask, Panels, RefusedError
 from usarsim_study.trial import COMPLETE
-
-_TOLD = frozenset(
-    {"trial_start", "trial_end", "found", "credit", "lost", "alarm", "inject", "error"}
-)
-"""Kinds of records that the experimenter reads."""
 
 Meanwhile = Callable[["Attempt", TruthRow], Awaitable[None]]
 """Acts at an instant of a trial, instead of people."""
@@ -108,7 +104,7 @@ class Attempt:
         try:
             folder = book.begin(self.task)
         except OSError as error:
-            desk.log(f"the trial cannot begin: {reason(error)} (make room on the disk)")
+            desk.log(f"The trial cannot begin: {reason(error)} (make room on the disk)")
             await asyncio.sleep(RETRY)
             return
         desk.refresh()
@@ -176,11 +172,12 @@ class Attempt:
             try:
                 self.desk.book.close(folder, status, why)
             except OSError as error:
-                self.desk.log(f"nothing can be stored: {reason(error)} (make room on the disk)")
+                self.desk.log(f"Nothing can be stored: {reason(error)} (make room on the disk)")
                 await asyncio.sleep(RETRY)
             else:
                 break
-        self.desk.log(f"{self.task.key}: {status}" + (f", {why}" if why else ""))
+        what = task_told(self.desk.book.session, self.task)
+        self.desk.log(attempt_told(what, status, why))
 
     # -- while it runs ------------------------------------------------------------------------
 
@@ -192,7 +189,7 @@ class Attempt:
         more += f"&session={self.desk.book.participant.code}"  # changed keys are this person's
         operators = [url + more for who, url in urls.items() if who.startswith("operator")]
         seats = dict(enumerate(operators[: self.operators], start=1))
-        line = panel_line(self._study, self.step)
+        line = panel_line(self._study, self.step, self.desk.lasts(self.task))
         self.desk.panels = Panels(
             self.step.number, seats, line, self._end, self._inject, self._begin_now
         )
@@ -226,7 +223,7 @@ class Attempt:
     def _begin_now(self) -> bool:
         begun = self.trial is not None and self.trial.begin()
         if begun:
-            self.desk.log("begins, though not everybody is ready")
+            self.desk.log("It begins, though not everybody is ready.")
         return begun
 
     async def _inject(self, told: dict[str, Any]) -> str:
@@ -254,9 +251,8 @@ class Attempt:
             self.values = record["values"]
             if panels is not None:
                 panels.watch["score"] = record["total"]
-        if kind in _TOLD:
-            parts = [str(record[key]) for key in _FACTS if record.get(key) not in (None, "")]
-            self.desk.log(f"{record['t_sim'] - (self.began or 0.0):.1f} s {kind} {' '.join(parts)}")
+        if told := sentence(record, record["t_sim"] - (self.began or 0.0)):
+            self.desk.log(told)
 
     async def _look(self, row: TruthRow) -> None:
         """The world stands still at an instant."""
@@ -290,10 +286,6 @@ class Attempt:
         for seat, state in states.items():
             trial.tell("probe", **probe_record(number, probe, self.scene, row, state, seat))
         self.desk.show()
-
-
-_FACTS = ("victim", "robot", "cause", "do", "why", "text")
-"""Facts of a record that the experimenter reads."""
 
 
 def _short(text: str) -> str:

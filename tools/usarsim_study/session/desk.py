@@ -20,7 +20,7 @@ from usarsim_study.misread import misread
 from usarsim_study.session import screens
 from usarsim_study.session.notebook import Notebook
 from usarsim_study.session.screens import Message
-from usarsim_study.session.steps import Past, Step
+from usarsim_study.session.steps import Past, Step, Task
 from usarsim_study.session.talk import Ask, Page, Panels, RefusedError, read_object
 
 EXPERIMENTER = 0
@@ -46,14 +46,23 @@ class Desk:
         another: the session is over and the experimenter wants the next one.
     """
 
-    def __init__(self, book: Notebook, consent: str, run: Run) -> None:
-        """consent: the text to agree to; empty: none. run: does trainings and trials."""
+    def __init__(
+        self,
+        book: Notebook,
+        consent: str,
+        run: Run,
+        lasts: Callable[[Task], float | None] = lambda task: None,
+    ) -> None:
+        """consent: the text to agree to; empty: none. run: does trainings and trials.
+
+        lasts: s that a training or trial lasts at most; None: not known.
+        """
         self.book, self.events = book, deque[str](maxlen=_EVENTS)
         self.panels: Panels | None = None
         self.probe: Ask | None = None
         self.trouble = ""
         self.another = asyncio.Event()
-        self._consent, self._run = consent, run
+        self._consent, self._run, self._lasts = consent, run, lasts
         self._ready: frozenset[tuple[int, int]] = frozenset()
         self._past = book.past()
         self._turned: dict[tuple[int, int], int] = {}
@@ -73,6 +82,10 @@ class Desk:
     def past(self) -> Past:
         """What has happened so far."""
         return self._past
+
+    def lasts(self, task: Task) -> float | None:
+        """s that a training or trial lasts at most; None: it is none, or not known."""
+        return self._lasts(task) if task.joint else None
 
     def step(self, seat: int) -> Step:
         """What stands before a seat."""
@@ -180,7 +193,9 @@ class Desk:
             return screens.panel_message(step.number, self.panels.urls[seat], self.panels.line)
         page = self._page_of(seat, step)
         code = self.book.participant.code
-        return screens.message(self.book.session, self._past, step, page, self._consent, code)
+        lasts = self.lasts(step.task) if step.kind == "ready" and step.task is not None else None
+        session = self.book.session
+        return screens.message(session, self._past, step, page, self._consent, code, lasts)
 
     def _page_of(self, seat: int, step: Step) -> int:
         """The page of a form that is shown: where it goes on, or to where it was turned."""

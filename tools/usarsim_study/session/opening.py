@@ -74,10 +74,13 @@ def consent_of(folder: StudyFolder) -> str:
 
 
 @contextlib.contextmanager
-def next_participant(folder: StudyFolder, code: str | None = None) -> Iterator[Participant]:
+def next_participant(
+    folder: StudyFolder, code: str | None = None, *, scripted: bool = False
+) -> Iterator[Participant]:
     """Who sits at the desk now; nobody else leads that participant meanwhile.
 
-    The one of a code, or whoever was interrupted, or somebody new.
+    The one of a code, or whoever was interrupted, or somebody new. Scripted participants go on with
+    no person's session, nor a person with theirs.
 
     Raises:
         StudyError: there is no such participant, who has ended or sits at another desk, or the
@@ -86,7 +89,7 @@ def next_participant(folder: StudyFolder, code: str | None = None) -> Iterator[P
     """
     while True:
         for one in folder.participants():
-            if one.status == "running" and code in (None, one.code):
+            if (one.status, one.scripted) == ("running", scripted) and code in (None, one.code):
                 with held(folder.place(one.code)) as ours:
                     # Whoever held it until now may have ended it.
                     now = {other.code: other for other in folder.participants()}[one.code]
@@ -94,11 +97,18 @@ def next_participant(folder: StudyFolder, code: str | None = None) -> Iterator[P
                         yield now
                         return
         if code is not None:
-            known = {one.code: one.status for one in folder.participants()}
-            why = {None: "is not there", "running": "sits at another desk"}
-            told = why.get(known.get(code), f"has ended: {known.get(code)}")
+            known = {one.code: one for one in folder.participants()}
+            there = known.get(code)
+            if there is None:
+                told = "is not there"
+            elif there.status != "running":
+                told = f"has ended: {there.status}"
+            elif there.scripted != scripted:
+                told = "is made by code" if there.scripted else "is a person"
+            else:
+                told = "sits at another desk"
             raise StudyError(f"{folder.path}: participant {code} {told} (see participants/)")
-        folder.admit(date.today().isoformat())
+        folder.admit(date.today().isoformat(), scripted=scripted)
 
 
 def _files(study: Study) -> list[str]:

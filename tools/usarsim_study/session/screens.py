@@ -54,9 +54,38 @@ def controls_line(study: Study, step: Step) -> str:
     return keys if device == "keyboard" else pad
 
 
-def panel_line(study: Study, step: Step) -> str:
-    """What stands above the panel all the time."""
-    return " ".join(one for one in (device_line(study, step), controls_line(study, step)) if one)
+def panel_line(study: Study, step: Step, lasts: float | None = None) -> str:
+    """What stands above the panel all the time; a training has a second line.
+
+    Args:
+        study: which. step: a training or a trial. lasts: s that it lasts at most; None: not known.
+    """
+    line = " ".join(one for one in (device_line(study, step), controls_line(study, step)) if one)
+    if step.task is None or step.task.kind != "training":
+        return line
+    told = " ".join(training_lines(study, lasts)).replace("\n", " ")
+    return f"{line}\n{told}"
+
+
+def training_lines(study: Study, lasts: float | None) -> list[str]:
+    """What a training asks for, what is there, and how long it lasts, s."""
+    training = study.training
+    assert training is not None
+    asked = (
+        f"Training: mark {many(training.victims, 'victim')}, and touch at most "
+        f"{many(training.contacts, 'thing')}."
+    )
+    ends = "It ends as soon as all that is asked for is marked"
+    ends += "." if lasts is None else f", or after {duration(lasts)}."
+    return [one for one in (asked, training.text.strip(), ends) if one]
+
+
+def duration(seconds: float) -> str:
+    """s in words."""
+    if seconds < 60.0:
+        return many(round(seconds), "second")
+    minutes, rest = divmod(round(seconds), 60)
+    return many(minutes, "minute") + (f" and {many(rest, 'second')}" if rest else "")
 
 
 def plain(session: Session, step: Step, past: Past) -> tuple[str, str]:
@@ -65,20 +94,20 @@ def plain(session: Session, step: Step, past: Past) -> tuple[str, str]:
         return "the session has ended", "the next participant"
     task = step.task
     if step.kind == "wait" and task is not None and task.joint:
-        now = f"waiting for the other operator before {_task_told(session, task)}"
+        now = f"waiting for the other operator before {task_told(session, task)}"
     elif step.kind == "ready" and task is not None:
-        now = f"before {_task_told(session, task)}: waits until the participant begins"
+        now = f"before {task_told(session, task)}: waits until the participant begins"
     elif task is not None:
-        now = _task_told(session, task)
+        now = task_told(session, task)
     else:
         now = "waiting for the other operator" if step.kind == "wait" else "the end"
     if step.kind == "ready" and task is not None:
-        return now, _task_told(session, task)
+        return now, task_told(session, task)
     following = session.following(step)
-    return now, "the end" if following is None else _task_told(session, following)
+    return now, "the end" if following is None else task_told(session, following)
 
 
-def _task_told(session: Session, task: Task) -> str:
+def task_told(session: Session, task: Task) -> str:
     """A task in words; no condition is in them."""
     match task.kind:
         case "welcome":
@@ -149,13 +178,20 @@ def end_message(number: int, past: Past, code: str) -> Message:
 
 
 def message(
-    session: Session, past: Past, step: Step, page: int, consent: str, code: str = ""
+    session: Session,
+    past: Past,
+    step: Step,
+    page: int,
+    consent: str,
+    code: str = "",
+    lasts: float | None = None,
 ) -> Message:
     """What stands before a seat, panels apart.
 
     Args:
         session: the plan. past: what has happened. step: what stands there.
         page: of a form, from 1. consent: the text to agree to. code: of the participant.
+        lasts: s that a training or trial lasts at most; None: it is none, or not known.
     """
     study, number = session.study, step.number
     match step.kind:
@@ -171,7 +207,7 @@ def message(
             text = "Take a break if you like. Go on when you are ready."
             return text_message(number, "Break", text, GO_ON)
         case "ready":
-            return _ready(session, past, step)
+            return _ready(session, past, step, lasts)
         case "panel":
             return wait_message(number, "The robots are coming into the world.")
         case "wait":
@@ -180,7 +216,7 @@ def message(
             return end_message(number, past, code)
 
 
-def _ready(session: Session, past: Past, step: Step) -> Message:
+def _ready(session: Session, past: Past, step: Step, lasts: float | None) -> Message:
     """Before a training or a trial: what is to be done."""
     study, task = session.study, step.task
     assert task is not None
@@ -190,16 +226,15 @@ def _ready(session: Session, past: Past, step: Step) -> Message:
         title = "Training"
         training = study.training
         assert training is not None
-        lines.append(
-            f"Drive without touching more than {many(training.contacts, 'thing')}, and mark "
-            f"{many(training.victims, 'victim')}."
-        )
+        lines += training_lines(study, lasts)
         if attempts and attempts[-1].status == "failed":
             left = training.attempts - sum(one.status == "failed" for one in attempts)
             lines.insert(0, f"{attempts[-1].reason} You can try {many(left, 'time')} more.")
     else:
         title = f"Trial {task.number} of {len(session.order)}"
         lines.append("Find as many victims as you can, and mark each one that you see.")
+        if lasts is not None:
+            lines.append(f"The trial lasts at most {duration(lasts)}.")
     if attempts and attempts[-1].status == "void":
         why = "" if attempts[-1].reason == CUT_OFF else " by a fault"
         lines.insert(0, f"The last attempt was interrupted{why}; it does not count.")

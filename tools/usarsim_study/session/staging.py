@@ -14,6 +14,7 @@ from usarsim_mission.scenario.resolving import stage
 from usarsim_mission.scenario.staging import Staged
 from usarsim_operator.allowance import halves
 from usarsim_operator.serving import Serving
+from usarsim_server.base.errors import UsarsimError
 from usarsim_study.layouts import mission_file
 from usarsim_study.session.steps import Task
 from usarsim_study.study_file import Condition, Study
@@ -67,10 +68,7 @@ def prepare(
     assert task.cell is not None
     condition = condition_of(study, task)
     training = task.kind == "training" and study.training is not None
-    name, seed = study.mission_of(task.cell)
-    if training:
-        assert study.training is not None
-        name, seed = study.training.mission, None
+    name, seed = _mission_of(study, task)
     scenario = read_scenario(mission_file(name, folder))
     if options.seconds is not None and options.seconds < scenario.time_limit and not training:
         content = {**(scenario.content or {}), "time_limit": options.seconds}
@@ -95,6 +93,28 @@ def prepare(
         told = replace(told, split=halves(names, 2))
     _ = staged.reached, staged.painted  # the expensive parts, not on the desk's own time
     return staged, replace(told, robots=None, unattended=None)
+
+
+def limit_of(study: Study, folder: Path, task: Task, seconds: float | None) -> float | None:
+    """How long a training or trial lasts at most, simulated s; None: its mission cannot be read.
+
+    Args:
+        study: which. folder: of the study. task: a training or trial.
+        seconds: longest a trial may be; None: as its mission says.
+    """
+    try:
+        limit = read_scenario(mission_file(_mission_of(study, task)[0], folder)).time_limit
+    except UsarsimError:
+        return None  # whoever begins it is told why
+    return limit if seconds is None or task.kind == "training" else min(limit, seconds)
+
+
+def _mission_of(study: Study, task: Task) -> tuple[str, int | None]:
+    """Name and seed of the mission of a training or trial."""
+    assert task.cell is not None
+    if task.kind == "training" and study.training is not None:
+        return study.training.mission, None
+    return study.mission_of(task.cell)
 
 
 def team_of(code: str, operators: int) -> Team:
