@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from usarsim_bench.server import BenchError
-from usarsim_server.base.children import python
+from usarsim_server.base.launch import python
 
 _SHOWN_ERRORS = 2000
 Found = TypeVar("Found")

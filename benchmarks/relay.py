@@ -26,7 +26,7 @@ from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd
 from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms, p99
 from usarsim_bench.server import SERVE, BenchError, CarefulClosing, Server, load_between
 from usarsim_client import BlockingConnection, ProtocolError, command, road
-from usarsim_server.base.children import python
+from usarsim_server.base.launch import python
 
 CHUNK = 64 * 1024
 

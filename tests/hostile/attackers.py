@@ -24,7 +24,7 @@ from hostile.scene_attacks import SCENE_ATTACKS
 from hostile.side_attacks import SIDE_ATTACKS
 from hostile.web_attacks import WEB_ATTACKS
 from usarsim_bench.server import BenchError, CarefulClosing
-from usarsim_server.base.children import python
+from usarsim_server.base.launch import python
 from usarsim_server.protocol.json_text import parse_json
 
 ATTACKS: Mapping[str, Attack] = {

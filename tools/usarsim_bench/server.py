@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import psutil
 
 from usarsim_client import Closing
-from usarsim_server.base.children import python
+from usarsim_server.base.launch import python
 
 
 class BenchError(RuntimeError):

@@ -19,7 +19,7 @@ from statistics import fmean
 
 from usarsim_mission.scenario.reader import read_scenario
 from usarsim_mission.scenario.resolving import stage
-from usarsim_server.base.children import safe_pool
+from usarsim_server.base.launch import safe_pool
 from usarsim_study.assignment import Cell, Order
 from usarsim_study.forms import FormState
 from usarsim_study.layouts import mission_file

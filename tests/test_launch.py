@@ -27,7 +27,7 @@ lockstep = true
 command = ["{python}", "-c", "print(1)"]
 """
 USE_PYTHON = {
-    "usarsim_server/base/children.py": "the place itself",
+    "usarsim_server/base/launch.py": "the place itself",
     "tools/usarsim_doctor/isolation.py": "names the interpreter in advice",
     "tools/usarsim_doctor/checks/installation.py": "names the interpreter in a finding",
     "tools/usarsim_batch/sweep/playing.py": "`{python}` of the user's own command lines",
