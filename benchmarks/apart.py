@@ -8,7 +8,7 @@ import subprocess
 from collections.abc import Callable
 from typing import TypeVar
 
-from usarsim_bench.server import BenchError
+from usarsim_bench.figures import BenchError
 from usarsim_server.base.launch import python
 
 _SHOWN_ERRORS = 2000

@@ -21,10 +21,12 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from statistics import median
 
+from benchmarks.measures import p99
+from benchmarks.plan import Plan
+from benchmarks.server import CarefulClosing, Server, load_between
 from benchmarks.team import ROBOTS, SETTLE, gather, load_figures, paces
 from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd
-from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms, p99
-from usarsim_bench.server import SERVE, BenchError, CarefulClosing, Server, load_between
+from usarsim_bench.figures import Aim, BenchError, Figure, Section, in_ms
 from usarsim_client import BlockingConnection, ProtocolError, command, road
 from usarsim_server.base.launch import python
 
@@ -241,9 +243,7 @@ def measure_relay(plan: Plan) -> Section:
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         file = Path(folder) / "radio.toml"
         file.write_text(RADIO, encoding="utf-8")
-        server = stack.enter_context(
-            Server(plan.world, robots + 1, (*SERVE, "--wireless", str(file)))
-        )
+        server = stack.enter_context(Server(plan.world, robots + 1, "--wireless", str(file)))
         crowd = stack.enter_context(Crowd(server.port, plan.seed))
         gather(crowd, 2, ("ComStation", DEFAULT_CLASS))
         port = server.ports["wireless"]

@@ -45,6 +45,8 @@ _SHOWN = 2000
 """Characters of what a program said that stand in an error."""
 _REST = 1.0
 """s of wall time in which the last lines of a program that has ended are read."""
+SERVE = ("usarsim_server", "serve")
+"""The module that serves, and its first words."""
 _SIDE = ("image", "groundtruth", "wireless", "truth", "comserver", "scene")
 """Names of the options for ports but that of robot control."""
 
@@ -248,19 +250,21 @@ class OwnServer(Program):
         folder: Path | None = None,
         more: Mapping[str, str] | None = None,
         log: IO[bytes] | None = None,
+        serve: Sequence[str] = SERVE,
         waits: bool = True,
     ) -> None:
         """Start it, with robot control on a free port and no other one open, unless options say so.
 
         Args:
             options: of `usarsim serve`. folder, more, log: see `Program`.
+            serve: a module that serves as `SERVE` does, and its first words.
             waits: until it is ready; otherwise call `wait`.
 
         Raises:
             LaunchError: if it does not become ready; with what it said.
         """
         ports = ("--port=0", *(f"--{name}-port=off" for name in _SIDE))
-        command = python("-m", "usarsim_server", "serve", *ports, *options, tied=True)
+        command = python("-m", *serve, *ports, *options, tied=True)
         super().__init__("the server", command, folder=folder, more=more, log=log)
         self.ports: dict[str, int] = {}
         if waits:
