@@ -11,7 +11,6 @@ import asyncio
 import contextlib
 import selectors
 import socket
-import subprocess
 import sys
 import tempfile
 import threading
@@ -28,7 +27,7 @@ from benchmarks.team import ROBOTS, SETTLE, gather, load_figures, paces
 from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd
 from usarsim_bench.figures import Aim, BenchError, Figure, Section, in_ms
 from usarsim_client import BlockingConnection, ProtocolError, command, road
-from usarsim_server.base.launch import python
+from usarsim_server.base.launch import Program, python
 
 CHUNK = 64 * 1024
 
@@ -310,21 +309,12 @@ def _proxy_link() -> Iterator[tuple[socket.socket, socket.socket]]:
     with socket.create_server(("127.0.0.1", 0)) as listening:
         listening.settimeout(_PATIENCE)
         port = str(listening.getsockname()[1])
-        command = python("-m", "benchmarks.relay", port)
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        try:
-            assert process.stdout is not None
-            with process.stdout:
-                said = process.stdout.readline()
-            if not said.strip().isdigit():
-                raise BenchError("the proxy did not start")
-            mine = BlockingConnection(int(said), patience=_PATIENCE).socket
+        with Program("the proxy", python("-m", "benchmarks.relay", port, tied=True)) as proxy:
+            [said] = proxy.announced(r"\d+")
+            mine = BlockingConnection(int(said[0]), patience=_PATIENCE).socket
             theirs, _ = listening.accept()
             theirs.settimeout(_PATIENCE)
             yield mine, theirs
-        finally:
-            process.kill()
-            process.wait()
 
 
 def _receive(end: socket.socket, size: int) -> None:

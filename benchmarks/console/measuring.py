@@ -15,7 +15,7 @@ from benchmarks.plan import Plan
 from usarsim_bench.figures import BenchError, Figure, Section
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.base.extras import need
-from usarsim_server.base.processes import calling
+from usarsim_server.base.interrupts import calling
 
 ROBOTS = 16
 GRACE = 20.0

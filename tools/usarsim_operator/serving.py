@@ -18,7 +18,7 @@ from usarsim_operator.roles import Role, Tokens, hosts_of
 from usarsim_operator.tokens import kept_tokens
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.base.extras import need as need_libraries
-from usarsim_server.base.processes import GRACE, calling
+from usarsim_server.base.interrupts import GRACE, calling
 
 if TYPE_CHECKING:
     from usarsim_operator.station import Settings, Station
