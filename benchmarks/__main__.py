@@ -10,13 +10,15 @@ from pathlib import Path
 from hostile.attackers import ATTACKS
 
 from benchmarks.console import ITEMS
+from benchmarks.plan import Plan
+from benchmarks.reports import as_markdown
 from benchmarks.suite import ALL, LONG, MEASUREMENTS, QUICK, QUICK_SECONDS, take
-from usarsim_bench.command import between, hand_out, say
-from usarsim_bench.figures import Plan
-from usarsim_bench.server import BenchError
+from usarsim_bench.capacity import say
+from usarsim_bench.command import between, hand_out
+from usarsim_bench.figures import Report
 from usarsim_server import __version__
 from usarsim_server.base.errors import UsarsimError
-from usarsim_server.cli.common import Subparsers, add_command
+from usarsim_server.cli.common import Subparsers, add_command, written
 
 _EPILOG = (
     "Measurements start servers of their own, on free ports, and take the clients' side "
@@ -85,7 +87,14 @@ def run(arguments: argparse.Namespace) -> int:
     )
     names = {"all": ALL, "quick": QUICK}.get(name, (name,))
     report = take(names, plan, __version__)
-    return hand_out(report, arguments)
+    return _hand_out(report, arguments)
+
+
+def _hand_out(report: Report, arguments: argparse.Namespace) -> int:
+    if (file := getattr(arguments, "markdown", None)) is not None:
+        with written(file) as page:
+            page.write(as_markdown(report).encode())
+    return hand_out(report, getattr(arguments, "json", None))
 
 
 def _add_measurement(kinds: Subparsers, name: str, help_text: str) -> None:
@@ -150,12 +159,8 @@ def _run_peers(arguments: argparse.Namespace) -> int:
         seconds=getattr(arguments, "seconds", None),
         say=say,
     )
-    try:
-        only = tuple(arguments.only or ())
-        report = comparing.compare(plan, __version__, only, arguments.keep)
-    except BenchError as error:
-        raise UsarsimError(str(error)) from error
-    return hand_out(report, arguments)
+    only = tuple(arguments.only or ())
+    return _hand_out(comparing.compare(plan, __version__, only, arguments.keep), arguments)
 
 
 def _add_options(parser: argparse.ArgumentParser, world: bool = True) -> None:

@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
+from benchmarks.measures import longest_extra_gap, streams
+from benchmarks.plan import Plan
 from benchmarks.robot_files import SCOUT, SCOUT_SENSORS
+from benchmarks.server import Server, load_between
 from benchmarks.team import ROBOTS, SETTLE, gather, load_figures, served
 from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd
-from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms
-from usarsim_bench.recording import first_reading, longest_extra_gap, streams
-from usarsim_bench.server import BenchError, Server, load_between
+from usarsim_bench.figures import Aim, BenchError, Figure, Section, in_ms
+from usarsim_bench.recording import first_reading
 
 SECONDS = 2.0
 """s of wall time after each INIT in which gaps are looked for."""

@@ -8,8 +8,8 @@ import subprocess
 from collections.abc import Callable
 from typing import TypeVar
 
-from usarsim_bench.server import BenchError
-from usarsim_server.base.children import python
+from usarsim_bench.figures import BenchError
+from usarsim_server.base.launch import python
 
 _SHOWN_ERRORS = 2000
 Found = TypeVar("Found")

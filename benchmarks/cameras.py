@@ -7,7 +7,10 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from statistics import median
 
+from benchmarks.measures import ViewerTrial, summed_up
+from benchmarks.plan import Plan
 from benchmarks.robot_files import CAMERA_RATE, CAMERA_SCOUT, SCOUT_SENSORS
+from benchmarks.server import Server
 from benchmarks.swarm import TOGETHER
 from benchmarks.team import (
     FACTOR_AIM,
@@ -20,10 +23,9 @@ from benchmarks.team import (
     served,
     try_team,
 )
-from usarsim_bench.camera_client import Viewer, ViewerTrial, summed_up
 from usarsim_bench.crowd import DEFAULT_CLASS, Crowd
-from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms
-from usarsim_bench.server import Server
+from usarsim_bench.figures import Aim, Figure, Section, in_ms
+from usarsim_bench.watching import watching
 
 WATCHED_ROBOTS = 24
 COLUMNS = 6
@@ -60,13 +62,9 @@ def measure_watched(plan: Plan) -> Section:
         # As many tiles as cameras: whoever has which, all of them are watched.
         gather(crowd, robots, (CAMERA_SCOUT,), TOGETHER)
         with ExitStack() as stack:
-            viewers = [
-                stack.enter_context(Viewer(port, tile, CAMERA_RATE)) for tile in tiles_of(robots)
-            ]
-            for viewer in viewers:
-                viewer.wait()
+            found = stack.enter_context(watching(port, tiles_of(robots), CAMERA_RATE))
             trial = try_team(server, crowd, 0, seconds)
-        seen = [summed_up(one.pictures, trial.start, trial.stop) for one in viewers]
+        seen = [summed_up(one, trial.start, trial.stop) for one in found]
     width, height = TILE_SIZE
     return Section(
         "watched",
@@ -150,10 +148,9 @@ def measure_cameras(plan: Plan) -> Section:
 def _watched(
     server: Server, crowd: Crowd, port: int, look: Look, seconds: float
 ) -> tuple[TeamTrial, ViewerTrial]:
-    with Viewer(port, look.rectangle, look.rate) as viewer:
-        viewer.wait()
+    with watching(port, [look.rectangle], look.rate) as [views]:
         trial = try_team(server, crowd, 0, seconds)
-    return trial, summed_up(viewer.pictures, trial.start, trial.stop)
+    return trial, summed_up(views, trial.start, trial.stop)
 
 
 def _team_figures(name: str, trial: TeamTrial) -> list[Figure]:

@@ -12,19 +12,20 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.apart import run_apart
 from benchmarks.cameras import TILE_SIZE, grid, tiles_of
+from benchmarks.measures import ViewerTrial, summed_up
+from benchmarks.plan import Plan
 from benchmarks.rendering import BareRenderer, assemble_team
 from benchmarks.robot_files import SURVEYOR, SURVEYOR_CAMERAS, scouts
+from benchmarks.server import Server
 from benchmarks.team import TeamTrial, gather, load_figures, try_team
-from usarsim_bench.camera_client import Viewer, ViewerTrial, summed_up
 from usarsim_bench.crowd import DEFAULT_CLASS, Crowd
-from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.server import SERVE, Server
+from usarsim_bench.figures import Aim, Figure, Section
+from usarsim_bench.watching import watching
 from usarsim_server.app import Assembly
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cameras.encoding import encode_jpeg
@@ -134,12 +135,12 @@ def measure_delivery(plan: Plan) -> Section:
         rate = rate_for(loops[0].pictures, cameras)
         plan.say(f"delivery: {cameras} cameras watched for {seconds:g} s")
         columns, rows = grid(cameras)
-        command = (
-            *(*SERVE, *classes, "--tiles", f"{columns}x{rows}"),
+        options = (
+            *(*classes, "--tiles", f"{columns}x{rows}"),
             *("--tile-size", "x".join(map(str, TILE_SIZE)), "--camera-rate", f"{rate:.2f}"),
         )
         with (
-            Server(plan.world, robots, command) as server,
+            Server(plan.world, robots, *options) as server,
             Crowd(server.port, plan.seed) as crowd,
         ):
             trial, seen = _watched(server, crowd, robots, rate, seconds)
@@ -163,15 +164,9 @@ def _watched(
 ) -> tuple[TeamTrial, list[ViewerTrial]]:
     port = server.port_of("images")
     gather(crowd, robots, (SURVEYOR,))
-    with ExitStack() as stack:
-        viewers = [
-            stack.enter_context(Viewer(port, tile, rate))
-            for tile in tiles_of(robots * SURVEYOR_CAMERAS)
-        ]
-        for viewer in viewers:
-            viewer.wait()
+    with watching(port, tiles_of(robots * SURVEYOR_CAMERAS), rate) as found:
         trial = try_team(server, crowd, 0, seconds)
-    return trial, [summed_up(one.pictures, trial.start, trial.stop) for one in viewers]
+    return trial, [summed_up(one, trial.start, trial.stop) for one in found]
 
 
 def delivery_figures(

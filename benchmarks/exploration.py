@@ -13,8 +13,8 @@ import resource
 from dataclasses import dataclass
 
 from benchmarks.apart import run_apart
-from usarsim_bench.figures import Aim, Figure, Plan, Section, Table, in_ms
-from usarsim_bench.server import BenchError
+from benchmarks.plan import Plan
+from usarsim_bench.figures import Aim, BenchError, Figure, Section, Table, in_ms
 
 STEPS = 300
 WARM_UP = 3

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import itertools
+import threading
 import time
 from collections.abc import Sequence
 from statistics import median
 
+from benchmarks.measures import p99
+from benchmarks.plan import Plan
+from benchmarks.server import CarefulClosing, Load, Server, load_between
 from benchmarks.team import ROBOTS, SETTLE, gather, load_figures
-from usarsim_bench.camera_client import Asking
 from usarsim_bench.crowd import DEFAULT_CLASS, Crowd
-from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms, p99
-from usarsim_bench.server import BenchError, Load, Server, load_between
-from usarsim_client import command
+from usarsim_bench.figures import Aim, BenchError, Figure, Section, in_ms
+from usarsim_client import BlockingConnection, ProtocolError, command
 
 SECONDS = 20.0
+_ANSWER_TIMEOUT = 60.0
 TURN = 1.0
 """s between two rounds of questions, as the propagation models of the original have it."""
 
@@ -23,7 +26,7 @@ TAIL_AIM = Aim("<", 100.0)
 CORES_AIM = Aim("<", 0.2)
 
 
-class Asker(Asking):
+class Asker(CarefulClosing):
     """Asks like a wireless simulation whose robots all move: each second for the positions, then
     for the obstacles of every ordered pair, one question after the other. On a thread of its own.
 
@@ -35,15 +38,40 @@ class Asker(Asking):
         """Connect to ground truth and begin to ask about robots by their names.
 
         Raises:
-            BenchError: if nobody listens.
+            OSError: if nobody listens.
         """
         self._pairs = list(itertools.permutations(names, 2))
         self.positions: list[float] = []
         self.obstacles: list[float] = []
-        super().__init__(port, "ground truth", TURN)
+        self._failure: Exception | None = None
+        self._stop = threading.Event()
+        self._connection = BlockingConnection(port, patience=_ANSWER_TIMEOUT)
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
 
-    def ask(self) -> None:
-        """Ask for all positions and all obstacles."""
+    def close(self) -> None:
+        """Stop asking and hang up, once the last answer is there; a second call does nothing.
+
+        Raises:
+            BenchError: if the server failed this client at any time.
+        """
+        self._stop.set()
+        self._thread.join(_ANSWER_TIMEOUT)
+        self._connection.close()
+        if self._failure is not None:
+            raise BenchError(f"a client of ground truth was failed: {self._failure}")
+
+    def _run(self) -> None:
+        due = time.perf_counter()
+        try:
+            while not self._stop.wait(max(0.0, due - time.perf_counter())):
+                self._ask()
+                # A client that was held up does not ask in bursts.
+                due = max(due + TURN, time.perf_counter())
+        except (OSError, ValueError, ProtocolError) as error:
+            self._failure = error
+
+    def _ask(self) -> None:
         self.positions.append(self._time("GETPOS", "POSITIONS {Robots "))
         # Spread over the turn, so that the answers meet the physics at all stages of its work.
         pause = 0.5 * TURN / max(1, len(self._pairs))

@@ -18,9 +18,9 @@ import numpy as np
 import psutil
 
 from benchmarks.apart import run_apart
+from benchmarks.plan import Plan
 from benchmarks.stepping import BARE_GAIN, Stopwatch, with_velocity_actuators
-from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms
-from usarsim_bench.server import BenchError
+from usarsim_bench.figures import Aim, BenchError, Figure, Section, in_ms
 
 STEPS = 100_000
 """Of each environment, with resets (doors reference, DOOR-12)."""

@@ -13,13 +13,15 @@ from hostile.links import SHARE, Damage
 from hostile.newcomers import Newcomers
 from hostile.web_servers import WebServers
 
+from benchmarks.plan import Plan
 from benchmarks.robot_files import SCOUT, scouts
+from benchmarks.server import Server, load_between
 from benchmarks.swarm import TOGETHER
 from benchmarks.tally import Tally, intervals
 from benchmarks.team import SETTLE, gather
 from usarsim_bench.crowd import Crowd
-from usarsim_bench.figures import Aim, Figure, Plan, Section, Table
-from usarsim_bench.server import SERVE, BenchError, Server, load_between
+from usarsim_bench.figures import Aim, Figure, Section, Table
+from usarsim_server.base.errors import UsarsimError
 
 ROBOTS = 8
 MOST_ROBOTS = 64
@@ -118,7 +120,7 @@ def measure_hostile(plan: Plan) -> Section:
         plan.say(f"hostile: {name}, {number} of {len(names)}")
         try:
             outcomes.append(_try(plan, ATTACKS[name], robots, seconds))
-        except BenchError as error:
+        except UsarsimError as error:
             failed.append((name, str(error).strip().splitlines()[-1]))
             plan.say(f"  {failed[-1][1]}")
         else:
@@ -147,7 +149,7 @@ class _Watch:
             try:
                 usual = [intervals(one.chunks) for one in self._crowd.controllers]
                 break
-            except BenchError:
+            except UsarsimError:
                 if last:
                     raise
         self._tallies = [Tally(opening, one) for one in usual]
@@ -194,7 +196,7 @@ def _try(plan: Plan, attack: Attack, robots: int, seconds: float) -> Outcome:
     quiet, seconds = min(MOST_QUIET, seconds), max(attack.least, seconds)
     options = ("--comserver-port", "0", *attack.options)
     with scouts() as classes:
-        server = Server(plan.world, MOST_ROBOTS, (*SERVE, *classes, *options))
+        server = Server(plan.world, MOST_ROBOTS, *classes, *options)
         with contextlib.ExitStack() as stack, server, Crowd(server.port, plan.seed) as crowd:
             web = stack.enter_context(WebServers(server.port)) if attack.web else None
             gather(crowd, robots, (SCOUT,), TOGETHER)
@@ -217,7 +219,7 @@ def _try(plan: Plan, attack: Attack, robots: int, seconds: float) -> Outcome:
                 try:
                     server.close()
                     end = time.perf_counter() - begun
-                except BenchError:
+                except UsarsimError:
                     end = float("inf")
     return Outcome(
         attack,

@@ -29,11 +29,13 @@ import numpy as np
 from benchmarks.apart import run_apart
 from benchmarks.cameras import RATE, TILE
 from benchmarks.map_sources import BRUSHES, MESHES, write_hall, write_yard
+from benchmarks.measures import summed_up
+from benchmarks.plan import Plan
+from benchmarks.server import Server
 from benchmarks.team import MIB, load_figures, try_team
-from usarsim_bench.camera_client import Viewer, summed_up
 from usarsim_bench.crowd import DEFAULT_CLASS, Crowd
-from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.server import Server
+from usarsim_bench.figures import Aim, Figure, Section
+from usarsim_bench.watching import watching
 from usarsim_maps.convert import Request, import_map
 from usarsim_maps.reader import ImportOptions
 from usarsim_server.base.errors import UsarsimError
@@ -208,9 +210,9 @@ def _team_figures(one: Map, world: Path, robots: int, seconds: float, seed: int)
     began = time.perf_counter()
     with Server(str(world), robots) as server, Crowd(server.port, seed) as crowd:
         ready = time.perf_counter() - began
-        with Viewer(server.port_of("images"), TILE, RATE) as viewer:
+        with watching(server.port_of("images"), [TILE], RATE) as [views]:
             trial = try_team(server, crowd, robots, seconds)
-        seen = summed_up(viewer.pictures, trial.start, trial.stop)
+        seen = summed_up(views, trial.start, trial.stop)
     name = f"{one.name}, {robots} robots"
     return [
         Figure(f"{one.name}: server ready after", ready, "s", 2),

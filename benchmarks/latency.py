@@ -23,10 +23,12 @@ from unittest import mock
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.measures import p99
+from benchmarks.plan import Plan
+from benchmarks.server import Server, load_between
 from benchmarks.team import ROBOTS, SETTLE, gather, load_figures
 from usarsim_bench.crowd import DEFAULT_CLASS, DRIVE_PERIOD, Controller, Crowd
-from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms, p99
-from usarsim_bench.server import BenchError, Server, load_between
+from usarsim_bench.figures import Aim, BenchError, Figure, Section, in_ms
 from usarsim_server.cli import main as usarsim
 from usarsim_server.protocol.commands import interpret
 from usarsim_server.protocol.grammar import Command
@@ -191,7 +193,7 @@ def measure_latency(plan: Plan) -> Section:
         file = Path(folder, "stations.json")
         command = ("benchmarks.latency", str(file), "serve")
         with (
-            Server(plan.world, robots, command) as server,
+            Server(plan.world, robots, serve=command) as server,
             Crowd(server.port, plan.seed, driver) as crowd,
         ):
             gather(crowd, robots, (DEFAULT_CLASS,))

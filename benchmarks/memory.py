@@ -6,12 +6,13 @@ import random
 import time
 from dataclasses import dataclass
 
+from benchmarks.measures import trend
+from benchmarks.plan import Plan
+from benchmarks.server import Server, Usage
 from benchmarks.swarm import TOGETHER
 from benchmarks.team import MIB, SETTLE, gather
 from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd
-from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.recording import trend
-from usarsim_bench.server import Server, Usage
+from usarsim_bench.figures import Aim, Figure, Section
 
 ROBOTS = 64
 SECONDS = 600.0

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.mission_run import MISSION, study_figures, trial_figures
-from usarsim_bench.figures import Aim, Figure, Plan, Section
+from benchmarks.plan import Plan
+from usarsim_bench.figures import Aim, Figure, Section
 from usarsim_mission.grid import FREE, WALL, Grid
 from usarsim_mission.live import LiveRun
 from usarsim_mission.map_quality import judge

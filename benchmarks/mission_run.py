@@ -15,7 +15,8 @@ from pathlib import Path
 
 import psutil
 
-from usarsim_bench.figures import Aim, Figure, Plan
+from benchmarks.plan import Plan
+from usarsim_bench.figures import Aim, Figure
 from usarsim_mission.match.archive import write_archive
 from usarsim_mission.match.conditions import Conditions
 from usarsim_mission.match.report import write_report

@@ -30,7 +30,9 @@ from unittest import mock
 
 import mujoco
 
+from benchmarks.plan import Plan
 from benchmarks.robot_files import SCOUT, SCOUT_SENSORS, scouts
+from benchmarks.server import Server
 from benchmarks.stepping import (
     BARE_GAIN,
     HALVES,
@@ -41,8 +43,7 @@ from benchmarks.stepping import (
 from benchmarks.swarm import TOGETHER
 from benchmarks.team import SETTLE, gather
 from usarsim_bench.crowd import DEFAULT_CLASS, Crowd
-from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.server import BenchError, Server
+from usarsim_bench.figures import Aim, BenchError, Figure, Section
 from usarsim_server.cli import main as usarsim
 from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.simulation.engine import Engine
@@ -240,8 +241,11 @@ def measure_physics(plan: Plan) -> Section:
 def _turns(plan: Plan, robots: int, seconds: float) -> list[Told]:
     with tempfile.TemporaryDirectory() as folder, scouts() as classes:
         file = Path(folder, "turns.json")
-        command = ("benchmarks.physics", str(file), "serve", *classes)
-        with Server(plan.world, robots, command) as server, Crowd(server.port, plan.seed) as crowd:
+        command = ("benchmarks.physics", str(file), "serve")
+        with (
+            Server(plan.world, robots, *classes, serve=command) as server,
+            Crowd(server.port, plan.seed) as crowd,
+        ):
             gather(crowd, robots, (SCOUT,), TOGETHER)
             crowd.run(SETTLE)
             start, stop = crowd.run(seconds)

@@ -24,9 +24,10 @@ from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
 from benchmarks.apart import run_apart
+from benchmarks.plan import Plan
 from benchmarks.rendering import assemble_team
 from benchmarks.robot_files import SCOUT, SCOUT_SENSORS, scouts
-from usarsim_bench.figures import Aim, Figure, Plan, Section
+from usarsim_bench.figures import Aim, Figure, Section
 from usarsim_server.simulation.model import SHELF_NAME
 from usarsim_server.simulation.rays.query import PendingReport
 from usarsim_server.simulation.rays.scenery import is_visible

@@ -11,7 +11,6 @@ import asyncio
 import contextlib
 import selectors
 import socket
-import subprocess
 import sys
 import tempfile
 import threading
@@ -21,12 +20,14 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from statistics import median
 
+from benchmarks.measures import p99
+from benchmarks.plan import Plan
+from benchmarks.server import CarefulClosing, Server, load_between
 from benchmarks.team import ROBOTS, SETTLE, gather, load_figures, paces
 from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd
-from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms, p99
-from usarsim_bench.server import SERVE, BenchError, CarefulClosing, Server, load_between
+from usarsim_bench.figures import Aim, BenchError, Figure, Section, in_ms
 from usarsim_client import BlockingConnection, ProtocolError, command, road
-from usarsim_server.base.children import python
+from usarsim_server.base.launch import Program, python
 
 CHUNK = 64 * 1024
 
@@ -241,9 +242,7 @@ def measure_relay(plan: Plan) -> Section:
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         file = Path(folder) / "radio.toml"
         file.write_text(RADIO, encoding="utf-8")
-        server = stack.enter_context(
-            Server(plan.world, robots + 1, (*SERVE, "--wireless", str(file)))
-        )
+        server = stack.enter_context(Server(plan.world, robots + 1, "--wireless", str(file)))
         crowd = stack.enter_context(Crowd(server.port, plan.seed))
         gather(crowd, 2, ("ComStation", DEFAULT_CLASS))
         port = server.ports["wireless"]
@@ -310,21 +309,12 @@ def _proxy_link() -> Iterator[tuple[socket.socket, socket.socket]]:
     with socket.create_server(("127.0.0.1", 0)) as listening:
         listening.settimeout(_PATIENCE)
         port = str(listening.getsockname()[1])
-        command = python("-m", "benchmarks.relay", port)
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        try:
-            assert process.stdout is not None
-            with process.stdout:
-                said = process.stdout.readline()
-            if not said.strip().isdigit():
-                raise BenchError("the proxy did not start")
-            mine = BlockingConnection(int(said), patience=_PATIENCE).socket
+        with Program("the proxy", python("-m", "benchmarks.relay", port, tied=True)) as proxy:
+            [said] = proxy.announced(r"\d+")
+            mine = BlockingConnection(int(said[0]), patience=_PATIENCE).socket
             theirs, _ = listening.accept()
             theirs.settimeout(_PATIENCE)
             yield mine, theirs
-        finally:
-            process.kill()
-            process.wait()
 
 
 def _receive(end: socket.socket, size: int) -> None:

@@ -30,7 +30,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.apart import run_apart
-from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms, p99
+from benchmarks.measures import p99
+from benchmarks.plan import Plan
+from usarsim_bench.figures import Aim, Figure, Section, in_ms
 from usarsim_server.app import Assembly, assemble
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cameras.backend import NEAR

@@ -12,12 +12,14 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
+from benchmarks.measures import rate, streams
+from benchmarks.plan import Plan
 from benchmarks.robot_files import write_class
+from benchmarks.server import Server
 from benchmarks.team import FACTOR_AIM, TeamTrial, named, team_figures, try_team
 from usarsim_bench.crowd import DEFAULT_CLASS, Behaviour, Controller, Crowd, wander
-from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.recording import Chunk, lines, rate, streams
-from usarsim_bench.server import SERVE, Server
+from usarsim_bench.figures import Aim, Figure, Section
+from usarsim_bench.recording import Chunk, lines
 
 ROBOTS = 4
 SECONDS = 30.0
@@ -122,9 +124,8 @@ def _watch(
 ) -> tuple[TeamTrial, list[list[Chunk]]]:
     """A trial of a team of one class, and everything that each client received."""
     plan.say(f"sensors: {robots} {robot_class} for {seconds:g} s")
-    command = (*SERVE, "--robots", str(folder))
     with (
-        Server(plan.world, robots, command) as server,
+        Server(plan.world, robots, "--robots", str(folder)) as server,
         Crowd(server.port, plan.seed, behaviour) as crowd,
     ):
         trial = try_team(server, crowd, robots, seconds, robot_class)

@@ -8,14 +8,16 @@ from dataclasses import dataclass, field
 from statistics import mean
 
 from benchmarks.apart import all_classes
+from benchmarks.measures import trend
+from benchmarks.plan import Plan
+from benchmarks.server import Server, Usage, load_between
 from benchmarks.soak_visitors import GUESTS, Visitors
 from benchmarks.tally import Tally, intervals
 from benchmarks.team import MIB, SETTLE, gather
-from usarsim_bench.camera_client import Viewer
 from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd
-from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.recording import trend
-from usarsim_bench.server import SERVE, BenchError, Server, Usage, load_between
+from usarsim_bench.figures import Aim, Figure, Section
+from usarsim_bench.watching import watching
+from usarsim_server.base.errors import UsarsimError
 
 ROBOTS = 4
 SECONDS = 3600.0
@@ -77,22 +79,21 @@ def measure_soak(plan: Plan) -> Section:
     robots, seconds = plan.robots or ROBOTS, plan.seconds or SECONDS
     classes = all_classes()
     plan.say(f"soak: {len(classes)} classes and all ports for {seconds / 60.0:g} min")
-    command = (*SERVE, "--comserver-port", "0")
     course = None
     try:
-        with Server(plan.world, robots + GUESTS, command) as server:
+        with Server(plan.world, robots + GUESTS, "--comserver-port=0") as server:
             with Crowd(server.port, plan.seed) as crowd:
                 gather(crowd, 1, (DEFAULT_CLASS,))
                 # The libraries that the first picture loads stay, so one is looked at; the
                 # renderer itself is closed by then.
-                with Viewer(server.port_of("images"), rate=1.0) as viewer:
-                    viewer.wait()
+                with watching(server.port_of("images"), [None], 1.0):
+                    pass
                 crowd.run(min(REST, REST_PART * seconds))
                 course = _Course(server.usage())
                 _soak(plan, server, crowd, course, robots, seconds, classes)
             time.sleep(min(REST, REST_PART * seconds))
             course.left = server.usage()
-    except (KeyboardInterrupt, BenchError) as error:
+    except (KeyboardInterrupt, UsarsimError) as error:
         # An interrupt reaches the server, too; what has been seen is told all the same.
         if course is None or not course.samples:
             raise

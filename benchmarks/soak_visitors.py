@@ -12,8 +12,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from hostile.links import Damage, Link, Site, work
 
 from benchmarks.relay import Radio
-from usarsim_bench.server import BenchError
+from usarsim_bench.figures import BenchError
 from usarsim_client.blocking import Closing
+from usarsim_server.base.errors import UsarsimError
 
 GUESTS = 10
 """Robots at the same time that come and go."""
@@ -116,7 +117,7 @@ class Visitors(Closing):
                 try:
                     talk()
                     self.links += 1
-                except (OSError, BenchError, KeyError):
+                except (OSError, UsarsimError, KeyError):
                     self.failures += 1
 
     def _relay(self) -> None:

@@ -29,7 +29,8 @@ import mujoco
 import numpy as np
 
 from benchmarks.apart import run_apart
-from usarsim_bench.figures import Aim, Figure, Plan, Section
+from benchmarks.plan import Plan
+from usarsim_bench.figures import Aim, Figure, Section
 from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.simulation.clock import BATCH_STEPS

@@ -6,8 +6,9 @@ import importlib
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 
-from usarsim_bench.figures import Plan, Report, Section, describe_machine
-from usarsim_bench.server import BenchError
+from benchmarks.plan import Plan
+from usarsim_bench.figures import Report, Section, describe_machine
+from usarsim_server.base.errors import UsarsimError
 
 MEASUREMENTS: Mapping[str, tuple[str, str]] = {
     # What decides how large a team a lab can run.
@@ -68,6 +69,6 @@ def _take(name: str, plan: Plan) -> Section:
     found = importlib.import_module(f"benchmarks.{module}")
     try:
         section: Section = getattr(found, f"measure_{name}")(plan)
-    except BenchError as error:
+    except UsarsimError as error:
         return Section(name, title[:1].upper() + title[1:], "", (), str(error))
     return section

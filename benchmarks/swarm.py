@@ -9,7 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from statistics import median
 
+from benchmarks.measures import p99, period_errors, sensor_samples
+from benchmarks.plan import Plan
 from benchmarks.robot_files import LASER_NAME, LASER_PERIOD, SCOUT, SCOUT_SENSORS
+from benchmarks.server import load_between
 from benchmarks.team import (
     FACTOR_AIM,
     SECONDS,
@@ -23,17 +26,9 @@ from benchmarks.team import (
     try_team,
 )
 from usarsim_bench.crowd import DEFAULT_CLASS
-from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms, p99
-from usarsim_bench.recording import (
-    Sample,
-    between,
-    lines,
-    period_errors,
-    real_time_factor,
-    sensor_samples,
-    status_samples,
-)
-from usarsim_bench.server import BenchError, load_between
+from usarsim_bench.figures import Aim, BenchError, Figure, Section, in_ms
+from usarsim_bench.recording import Sample, between, lines, real_time_factor, status_samples
+from usarsim_server.base.errors import UsarsimError
 
 ROBOTS = 64
 STRETCH = 128
@@ -53,7 +48,7 @@ def measure_swarm(plan: Plan) -> Section:
         plan.say(f"swarm: {robots} robots for {seconds:g} s")
         try:
             figures += swarm_figures(_trial(plan, robots, seconds))
-        except BenchError as error:
+        except UsarsimError as error:
             if robots <= ROBOTS:
                 raise
             # Of what a server says at its end the last line tells why.

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 from statistics import median
 
-from usarsim_bench.recording import Chunk, lines, stream_of
-from usarsim_bench.server import BenchError
+from benchmarks.measures import stream_of
+from usarsim_bench.figures import BenchError
+from usarsim_bench.recording import Chunk, lines
 
 _TIME = re.compile(rb"\{Time ([0-9.]+)\}")
 

@@ -10,11 +10,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
+from benchmarks.measures import worst_window
+from benchmarks.plan import Plan
 from benchmarks.robot_files import scouts
+from benchmarks.server import Load, Server, load_between
 from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd, wander
-from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.recording import between, lines, real_time_factor, status_samples, worst_window
-from usarsim_bench.server import SERVE, BenchError, Load, Server, load_between
+from usarsim_bench.figures import Aim, BenchError, Figure, Section
+from usarsim_bench.recording import between, lines, real_time_factor, status_samples
 
 ROBOTS = 16
 SECONDS = 60.0
@@ -57,7 +59,7 @@ def served(plan: Plan, robots: int, *options: str) -> Iterator[tuple[Server, Cro
     crowd."""
     with (
         scouts() as classes,
-        Server(plan.world, robots, (*SERVE, *classes, *options)) as server,
+        Server(plan.world, robots, *classes, *options) as server,
         Crowd(server.port, plan.seed) as crowd,
     ):
         yield server, crowd

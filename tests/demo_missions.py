@@ -21,7 +21,7 @@ from usarsim_mission.match import standing
 from usarsim_mission.match.drawn import Drawn
 from usarsim_mission.rescoring import live_result
 from usarsim_mission.runlog import SCORE, RunFolder
-from usarsim_server.base.children import python
+from usarsim_server.base.launch import python
 
 SEEDS = {
     "arena-search": 10,

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from linehash import Stored
 
-from usarsim_bench.server import BenchError
+from usarsim_bench.figures import BenchError
 from usarsim_conformance.command import _read as read_report
 from usarsim_conformance.report import Report, as_json
 from usarsim_doctor.robot_page import head_comment

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from usarsim_server.base import processes, streams
+from usarsim_server.base import interrupts, streams
 
 _UNTIL_INTERRUPTED = (["serve"], ["record"], ["console"], ["demo"])
 """Commands that run until a signal comes, which is no failure then."""
@@ -18,17 +18,17 @@ def main() -> int:
         have ended by itself.
     """
     streams.guard()
-    processes.arm(ordinary=sys.argv[1:2] in _UNTIL_INTERRUPTED)
+    interrupts.arm(ordinary=sys.argv[1:2] in _UNTIL_INTERRUPTED)
     code = 1
     try:
         from usarsim_server import cli
 
-        processes.begin()
+        interrupts.begin()
         code = cli.main()
     except BaseException:
-        if not processes.interrupted():
+        if not interrupts.interrupted():
             raise
-    return processes.finish(code)
+    return interrupts.finish(code)
 
 
 if __name__ == "__main__":

@@ -14,15 +14,15 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import re
+import signal
 import socket
-import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Self
 
 from usarsim_server.app import Assembly, assemble
-from usarsim_server.base.children import python
+from usarsim_server.base.launch import OwnServer
 from usarsim_server.options import OPTIONS
 from usarsim_server.protocol.grammar import LineFramer, parse_line
 from usarsim_server.services.listener import Endpoint
@@ -323,71 +323,19 @@ def running_server(**settings: object) -> Iterator[tuple[Assembly, dict[str, End
         assembly.stop()
 
 
-class ServerProcess(Closing):
-    """`usarsim serve` in a process of its own.
+class ServerProcess(OwnServer):
+    """`usarsim serve` in a process of its own, with clients that tests need.
 
-    Attributes:
-        ports: port numbers by service name, from the READY line.
-        process: the process.
+    The control port defaults to any free one, those of the side channels to none.
     """
-
-    def __init__(self, *arguments: str) -> None:
-        """Start it and wait for READY.
-
-        Args:
-            arguments: of `usarsim serve`; the control port defaults to any free one, those of
-                the side channels to none.
-
-        Raises:
-            RuntimeError: if it does not become ready; with what it said.
-        """
-        ports = [f"--{key.replace('_', '-')}=off" for key in SIDE_PORTS] + ["--port=0"]
-        command = python("-m", "usarsim_server", "serve", *ports, *arguments)
-        self.process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
-        assert self.process.stdout is not None
-        self.ready_line = self.process.stdout.readline()
-        if not self.ready_line.startswith("READY"):
-            _, errors = self.process.communicate(timeout=PATIENCE)
-            raise RuntimeError(f"the server did not start: {errors}")
-        found = re.findall(r"(\w+)=\S+:(\d+)", self.ready_line)
-        self.ports = {name: int(port) for name, port in found}
-        self._errors: list[str] = []
-        # A full pipe would stop the server.
-        self._reader = threading.Thread(target=self._read_errors, daemon=True)
-        self._reader.start()
-
-    @property
-    def errors(self) -> str:
-        """What it wrote to standard error so far."""
-        return "".join(self._errors)
 
     def client(self) -> ScriptedClient:
         """A new connection to the control port."""
         return ScriptedClient(self.ports["control"])
 
-    def stop(self, timeout: float = PATIENCE) -> int:
-        """Send SIGTERM and return the exit code."""
-        self.process.terminate()
-        code = self.process.wait(timeout)
-        self._reader.join(1.0)
-        return code
-
-    def _read_errors(self) -> None:
-        assert self.process.stderr is not None
-        for line in self.process.stderr:
-            self._errors.append(line)
-
     def close(self) -> None:
-        """Kill it if it still runs."""
-        if self.process.poll() is None:
-            self.process.kill()
-            self.process.wait()
-        self._reader.join(1.0)
-        for pipe in (self.process.stdout, self.process.stderr):
-            if pipe is not None:
-                pipe.close()
+        """Kill it if it still runs; `end` asks it to end."""
+        self.end(signal.SIGKILL)
 
 
 def _nothing() -> None:

@@ -13,7 +13,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from usarsim_server.base.children import python
+from usarsim_server.base.launch import python
 from world_generators import GENERATORS, differences, files
 
 _ROOT = Path(__file__).resolve().parents[1]

@@ -13,7 +13,7 @@ from typing import Any
 
 from benchmarks.console.arithmetic import Arrival, clock_offset
 from benchmarks.console.gateway import Rig
-from usarsim_bench.server import BenchError
+from usarsim_bench.figures import BenchError
 
 GL = ("--use-angle=gl-egl", "--ignore-gpu-blocklist")
 NO_GL = ("--disable-gpu", "--disable-software-rasterizer")

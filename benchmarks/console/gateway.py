@@ -20,13 +20,13 @@ from unittest import mock
 from weakref import WeakKeyDictionary
 
 from benchmarks.console.arithmetic import Notes, is_zero, read_notes
-from usarsim_bench.server import SERVE, BenchError, Program, Server
+from benchmarks.server import Measured, Server
 from usarsim_client.connection import Connection
+from usarsim_server.base.launch import LaunchError, python
 from usarsim_server.cli import main as usarsim
 
 TILES, TILE_SIZE = "4x4", "320x240"
 _TOKEN = "bench"
-_STOP_TIMEOUT = 15.0
 _NAME = re.compile(rb"\{Name ([^{}]*)\}")
 _NOTED = ('{"type":"drive"', '{"type":"estop"')
 
@@ -101,19 +101,19 @@ def _on_picture(
     return picture
 
 
-class Rig(Program):
+class Rig(Measured):
     """A server and a gateway with robots of its own, each in a process of its own.
 
     Attributes:
         server: the one. robots: names of the robots. port: of the pages.
-        tokens: of the pages, by role. Of the gateway are `pid` and `usage`.
+        tokens: of the pages, by role. `usage` is of the gateway.
     """
 
     def __init__(self, world: str, robots: int) -> None:
         """Start both, and wait until all robots are in the world.
 
         Raises:
-            BenchError: if one of them does not start; with what it said.
+            LaunchError: if one of them does not start; with what it said.
         """
         options = (
             *("--scene-port", "0", "--scene-token", _TOKEN),
@@ -122,7 +122,7 @@ class Rig(Program):
         self.robots = [f"R{number + 1}" for number in range(robots)]
         self._folder = tempfile.TemporaryDirectory(prefix="usarsim-bench-")
         self._notes = Path(self._folder.name, "notes")
-        self.server = Server(world, robots, (*SERVE, *options))
+        self.server = Server(world, robots, *options)
         ports = self.server.ports
         words = [
             *("--connect", f"127.0.0.1:{self.server.port}", "--no-browser", "--console-port", "0"),
@@ -132,16 +132,15 @@ class Rig(Program):
             *(word for name in self.robots for word in ("--robot", f"P3AT={name}")),
         ]
         module = "benchmarks.console.gateway"
-        command = (module, str(self._notes), "console", *words)
-        super().__init__("the gateway", command, _STOP_TIMEOUT)
-        lines = [self._line() for _ in range(3)]
-        found = re.findall(r"CONSOLE http://[^/]*:(\d+)/#(\S+) (\w+)", "".join(lines))
-        if len(found) != 3:
-            said = self._said()
-            self.close()
-            raise BenchError(f"the gateway did not start: {said}")
-        self.port = int(found[0][0])
-        self.tokens = {role: token for _, token, role in found}
+        command = python("-m", module, str(self._notes), "console", *words, tied=True)
+        super().__init__("the gateway", command)
+        try:
+            found = self.announced(r"CONSOLE http://[^/]*:(\d+)/#(\S+) (\w+)", 3)
+        except LaunchError:
+            self.server.close()
+            raise
+        self.port = int(found[0][1])
+        self.tokens = {role: token for _, token, role in map(re.Match.groups, found)}
 
     @property
     def url(self) -> str:

@@ -13,8 +13,8 @@ from benchmarks.console.browser import GL, NO_GL, BrowserPage, browser, chromium
 from benchmarks.console.gateway import Rig
 from benchmarks.console.lengths import Course, count, seconds, until_interrupted
 from benchmarks.console.programs import PATIENCE, PageProgram, driving, page, said
-from usarsim_bench.figures import Aim, Figure, Plan, in_ms
-from usarsim_bench.server import BenchError
+from benchmarks.plan import Plan
+from usarsim_bench.figures import Aim, BenchError, Figure, in_ms
 
 WIDTH, HEIGHT = 960, 540
 TILES = 4

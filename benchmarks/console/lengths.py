@@ -7,7 +7,7 @@ import contextlib
 import time
 from collections.abc import Iterator
 
-from usarsim_bench.figures import Plan
+from benchmarks.plan import Plan
 
 _TOLD = 20.0
 """s between two lines that say how it goes."""

@@ -31,8 +31,10 @@ from benchmarks.console.programs import (
     page,
     raw_page,
 )
-from usarsim_bench.figures import Aim, Figure, Plan, in_ms, p99
-from usarsim_bench.server import BenchError, Usage, load_between
+from benchmarks.measures import p99
+from benchmarks.plan import Plan
+from benchmarks.server import Usage, load_between
+from usarsim_bench.figures import Aim, BenchError, Figure, in_ms
 
 MIB = 2.0**20
 ONE_AIM, EIGHT_AIM, NONE_AIM = Aim("<=", 0.10), Aim("<=", 0.20), Aim("<", 0.01)

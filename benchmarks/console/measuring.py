@@ -11,10 +11,11 @@ from typing import Any
 from benchmarks.console import ITEMS, hands, loads, sizes
 from benchmarks.console.browser import chromium
 from benchmarks.console.gateway import Rig
-from usarsim_bench.figures import Figure, Plan, Section
-from usarsim_bench.server import BenchError
+from benchmarks.plan import Plan
+from usarsim_bench.figures import BenchError, Figure, Section
+from usarsim_server.base.errors import UsarsimError
 from usarsim_server.base.extras import need
-from usarsim_server.base.processes import calling
+from usarsim_server.base.interrupts import calling
 
 ROBOTS = 16
 GRACE = 20.0
@@ -63,7 +64,7 @@ def measure_console(plan: Plan) -> Section:
                         plan.say(f"console: {robots} robots come into the world")
                         rig = stack.enter_context(Rig(plan.world, robots))
                     figures += _marked(at, asyncio.run(stop.ending(BESIDE[at](rig, own))))
-            except BenchError as error:
+            except UsarsimError as error:
                 failed.append(f"{at} ({error})")
             except asyncio.CancelledError:
                 failed.append(f"{at} (interrupted)")

@@ -20,7 +20,7 @@ import aiohttp
 
 from benchmarks.console.arithmetic import Arrival
 from benchmarks.console.gateway import Rig
-from usarsim_bench.server import BenchError
+from usarsim_bench.figures import BenchError
 from usarsim_server.protocol.json_text import parse_json
 
 PICTURE, POSES = 1, 4

@@ -14,8 +14,8 @@ from benchmarks.console.arithmetic import added_packages
 from benchmarks.console.gateway import Rig
 from benchmarks.console.programs import page
 from benchmarks.map_sources import write_yard
-from usarsim_bench.figures import Aim, Figure, Plan
-from usarsim_bench.server import BenchError
+from benchmarks.plan import Plan
+from usarsim_bench.figures import Aim, BenchError, Figure
 
 _LOADED = (".html", ".js", ".css", ".svg")
 TRIANGLES = 100_000

@@ -11,8 +11,9 @@ from pathlib import Path
 from benchmarks.peers.own import HUMANOID, OwnSide
 from benchmarks.peers.simulators import PEERS, Environments, NotInstalledError, Peer
 from benchmarks.peers.work import LASER_RATE, MOST, Outcome, Work, plan_work, ratio, run_workload
-from usarsim_bench.figures import Figure, Plan, Report, Section, describe_machine
-from usarsim_bench.server import BenchError
+from benchmarks.plan import Plan
+from usarsim_bench.figures import BenchError, Figure, Report, Section, describe_machine
+from usarsim_server.base.errors import UsarsimError
 
 SIZES = (1, 4, 16, 64)
 SECONDS = 10.0
@@ -75,7 +76,7 @@ def compare(
         pythons = {peer.name: _install(peer, environments, plan) for peer in chosen}
         try:
             measured = _measure_own(works, chosen, plan)
-        except BenchError as error:
+        except UsarsimError as error:
             failed = Section("own", "usarsim-server", "", (), str(error))
             return Report(machine, now, (failed,))
         sections = [own_section(measured, works)]
@@ -132,7 +133,7 @@ def _measure_peer(
             # Isolated from this process's paths and from the folder of the script.
             command = (python, "-I", str(peer.script))
             runs[size] = _fastest(partial(run_workload, command, work.as_json(), TIMEOUT))
-        except BenchError as error:
+        except UsarsimError as error:
             missing.append(f"{_robots(size)}: {error}")
     if not runs:
         return refusal(peer, "; ".join(missing))

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.peers.work import ROVER, Outcome, Work, run_workload, write_robots, write_world
+from benchmarks.server import Server
 from usarsim_bench.crowd import Controller
-from usarsim_bench.server import SERVE, BenchError, Server
+from usarsim_bench.figures import BenchError
 from usarsim_client.blocking import Closing
 
 HUMANOID = "Nao"
@@ -60,7 +61,7 @@ class OwnSide(Closing):
         world = self._world(work)
         options = ("--robots", str(self._robots), "--speed", "max")
         with (
-            Server(str(world), work.robots, (*SERVE, *options)) as server,
+            Server(str(world), work.robots, *options) as server,
             _Clients(server, work, robot_class) as clients,
         ):
             return clients.measure()

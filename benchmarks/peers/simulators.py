@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from usarsim_bench.server import BenchError
+from usarsim_bench.figures import BenchError
 from usarsim_client.blocking import Closing
 
 WORKLOADS = Path(__file__).with_name("workloads")

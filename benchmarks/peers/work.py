@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from usarsim_bench.server import BenchError
+from usarsim_bench.figures import BenchError
 
 HALF_X, HALF_Y = 12.0, 10.0
 """m: half of the hall's inner length and width, those of the shipped arena."""

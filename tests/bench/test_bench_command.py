@@ -17,7 +17,7 @@ def test_all_three_are_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     for name, value in (("SETTLE", 1.0), ("PRESENT", 2), ("NEWCOMERS", 1)):
         monkeypatch.setattr(capacity, name, value)
     file = tmp_path / "report.json"
-    words = ["--robots", "2", "--seconds", "2", "--world", "empty", "--json", str(file)]
+    words = ["--robots", "2", "--seconds", "5", "--world", "empty", "--json", str(file)]
     assert main(["bench", *words]) == 0
     sections = json.loads(file.read_text())["sections"]
     assert [one["key"] for one in sections] == ["robots", "cameras", "inits"]

@@ -11,10 +11,11 @@ from collections.abc import Iterator
 import pytest
 from bench_fakes import FakeServer
 
+from benchmarks.measures import streams
 from usarsim_bench import crowd as crowd_module
 from usarsim_bench.crowd import Controller, Crowd, wander
-from usarsim_bench.recording import status_samples, streams
-from usarsim_bench.server import BenchError
+from usarsim_bench.figures import BenchError
+from usarsim_bench.recording import status_samples
 
 
 @pytest.fixture
@@ -84,14 +85,12 @@ class TestRunning:
         assert all(sent - 1e-4 <= arrived <= stop for arrived, sent in samples)  # told in 0.1 ms
         assert stop - start >= 0.5
         assert set(streams(controller.chunks)) == {"STA", "RangeScanner lms200"}
-        assert controller.received == sum(len(data) for _, data in controller.chunks)
 
     def test_does_not_store_when_told_so(self, server: FakeServer) -> None:
-        """A crowd that does not keep counts bytes and no more."""
+        """A crowd that does not keep hears and no more."""
         with Crowd(server.port, seed=1, keep=False) as crowd:
             controller = crowd.join()
             crowd.wait_until_speaking()
-            assert controller.received > 0
             assert controller.chunks == []
 
     def test_drives_every_robot(self, server: FakeServer, crowd: Crowd) -> None:

@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from itertools import pairwise
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_bench.recording import (
-    between,
-    lines,
-    longest_extra_gap,
-    period,
-    rate,
-    real_time_factor,
-    start_tags,
-    status_samples,
-    streams,
-    trend,
-    worst_window,
-)
+from benchmarks.measures import longest_extra_gap, period, streams
+from usarsim_bench.recording import between, lines, real_time_factor, status_samples
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.values import Dialect
 
@@ -72,35 +60,6 @@ class TestRealTimeFactor:
             real_time_factor(paced(1.0, count=21), 1.0)
 
 
-class TestWorstWindow:
-    def test_of_an_even_run(self) -> None:
-        """Every stretch of an even run has the factor of the run."""
-        assert worst_window(paced(0.9), 1.0) == pytest.approx(0.9)
-
-    def test_finds_the_stall(self) -> None:
-        """Half a second lost: some stretch of ten gaps of 0.1 s advances 0.6 s in 1.1 s or so."""
-        worst = worst_window(with_stall(paced(1.0), 50, 0.5), 1.0)
-        assert worst == pytest.approx(0.5, abs=0.05)
-
-    def test_a_long_stall_is_not_cut_short(self) -> None:
-        """Three seconds of silence lie within one stretch, however narrow the window."""
-        worst = worst_window(with_stall(paced(1.0), 50, 3.0), 1.0)
-        assert worst == pytest.approx(0.1 / 3.1)
-
-    def test_catching_up_shows_in_the_worst_but_not_in_the_whole(self) -> None:
-        """A pause that is made up afterwards lowers the worst second only."""
-        samples = paced(1.0)
-        for n in range(40, 45):
-            samples[n] = (samples[45][0], samples[n][1])
-        assert real_time_factor(samples) == pytest.approx(1.0)
-        assert worst_window(samples, 1.0) < 0.75
-
-    def test_needs_the_width(self) -> None:
-        """A run shorter than the window has no worst window."""
-        with pytest.raises(ValueError, match="less than 2 s"):
-            worst_window(paced(1.0, count=15), 2.0)
-
-
 class TestGaps:
     TIMES = tuple(n * 0.2 for n in range(50))
 
@@ -138,48 +97,6 @@ class TestGaps:
         """A stream that begins after the span says nothing about it."""
         with pytest.raises(ValueError, match="not begun"):
             longest_extra_gap(self.TIMES, -2.0, -1.0)
-
-
-class TestRate:
-    def test_counts_what_is_in_the_span(self) -> None:
-        """Moments at either end belong to the span, others do not."""
-        times = [0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5]
-        assert rate(times, 1.0, 3.0) == pytest.approx(5 / 2.0)
-        assert rate(times, 4.0, 5.0) == 0.0
-        assert rate([], 0.0, 1.0) == 0.0
-
-    @pytest.mark.parametrize("stop", [2.0, 1.0])
-    def test_needs_a_span(self, stop: float) -> None:
-        """There is no rate over no time."""
-        with pytest.raises(ValueError, match="span of time"):
-            rate([2.0], 2.0, stop)
-
-
-class TestTrend:
-    def test_of_a_line(self) -> None:
-        """Values that rise evenly have the slope of their line."""
-        assert trend([(t, 7.0 + 3.0 * t) for t in range(20)]) == pytest.approx(3.0)
-
-    def test_ignores_a_single_step(self) -> None:
-        """One step up in the middle of a flat run is no trend."""
-        assert trend([(t, 0.0 if t < 15 else 100.0) for t in range(20)]) == 0.0
-
-    @given(st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=20), st.floats(-5.0, 5.0))
-    def test_moves_with_the_slope(self, noise: list[float], slope: float) -> None:
-        """Adding a slope to any values adds it to their trend."""
-        flat = [(float(t), value) for t, value in enumerate(noise)]
-        tilted = [(t, value + slope * t) for t, value in flat]
-        assert trend(tilted) == pytest.approx(trend(flat) + slope, abs=1e-6)
-
-    @pytest.mark.parametrize("samples", [[], [(1.0, 2.0)], [(1.0, 2.0), (1.0, 3.0)]])
-    def test_needs_two_moments(self, samples: Samples) -> None:
-        """Without a span of time there is no trend."""
-        with pytest.raises(ValueError, match="two moments"):
-            trend(samples)
-
-    def test_is_finite(self) -> None:
-        """Samples at equal times are left out instead of dividing by nothing."""
-        assert math.isfinite(trend([(0.0, 1.0), (0.0, 2.0), (1.0, 3.0)]))
 
 
 STATUS = (
@@ -268,16 +185,3 @@ def test_between_includes_both_ends() -> None:
     """A span contains the samples at its ends."""
     samples = [(1.0, 0.1), (2.0, 0.2), (3.0, 0.3), (4.0, 0.4)]
     assert between(samples, 2.0, 3.0) == [(2.0, 0.2), (3.0, 0.3)]
-
-
-class TestStartTags:
-    def test_of_the_servers_answer(self) -> None:
-        """The tags are those of the world, in its order (protocol reference 4.2)."""
-        zero = (0.0, 0.0, 0.0)
-        line = messages.start_poses([("Here", zero, zero), ("There", (1.0, 2.0, 3.0), zero)])
-        assert start_tags(line) == ["Here", "There"]
-
-    @pytest.mark.parametrize("line", ["NFO {StartPoses 0}", "NFO {Gametype X} {Level Y}", ""])
-    def test_none(self, line: str) -> None:
-        """An answer without poses, or another line, has no tags."""
-        assert start_tags(line) == []

@@ -6,12 +6,13 @@ import json
 import math
 from datetime import UTC, datetime
 
+import psutil
 import pytest
 
-from usarsim_bench.figures import Aim, Figure, Machine, Report, Section
-from usarsim_bench.report import as_json, as_markdown, as_text
+from benchmarks.reports import as_markdown
+from usarsim_bench.figures import Aim, Figure, Report, Section, as_json, as_text, describe_machine
 
-MACHINE = Machine("Abacus | 2", 4, 2, 8 * 2**30, "Linux", "CPython", {"mujoco": "3.17.0"}, 0.5)
+MACHINE = {"Processor": "Abacus | 2", "Cores": "2 of 4", "mujoco": "3.17.0"}
 
 
 def report(*figures: Figure) -> Report:
@@ -142,7 +143,7 @@ class TestJson:
         assert [figure["value"] for figure in figures] == [0.9994, 12345.678, 10.0]
         assert [figure["met"] for figure in figures] == [True, False, None]
         assert [figure["aim"] for figure in figures] == [">= 0.999", "< 1.2", None]
-        assert document["machine"]["packages"] == {"mujoco": "3.17.0"}
+        assert document["machine"] == MACHINE
         assert document["taken"] == "2026-01-02T03:04:05+00:00"
         assert document["missed"] == 1
 
@@ -156,3 +157,12 @@ class TestJson:
 
         document = json.loads(text, parse_constant=refuse)
         assert document["sections"][0]["figures"][0]["value"] is None
+
+
+def test_the_machine_says_what_figures_depend_on() -> None:
+    """Processor, cores, Python and the versions of all that computes are named."""
+    facts = describe_machine("1.2.3")
+    assert facts["usarsim-server"] == "1.2.3"
+    assert facts["mujoco"][0].isdigit()
+    assert facts["Processor"]
+    assert facts["Memory"] == f"{psutil.virtual_memory().total / 2**30:.1f} GiB"

@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping
 
 import pytest
 
-from usarsim_conformance.own_server import OwnServer
+from usarsim_conformance.own_server import judged_server
 
 
 @pytest.fixture(scope="session")
 def own_ports() -> Iterator[Mapping[str, int]]:
     """Ports by service of our own server, whose time passes as fast as the machine goes."""
-    with OwnServer("--speed", "max") as server:
+    with judged_server("--speed", "max") as server:
         yield server.ports
         assert not server.died, server.said

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
+import signal
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -14,7 +15,7 @@ from mutants.wire_faults import WireFault, all_wire_faults
 from mutants.wire_trial import try_wire_faults
 
 from usarsim_conformance.clock import STANDS_STILL
-from usarsim_conformance.own_server import OwnServer
+from usarsim_conformance.own_server import judged_server
 from usarsim_conformance.registry import Result, Severity, Verdict, all_checks
 
 _FAULTS = all_wire_faults()
@@ -44,11 +45,12 @@ def _healthy() -> dict[str, WireFault]:
 
 def _judge_on(name: str, faults: Sequence[WireFault]) -> dict[str, Result]:
     """Verdicts of the faults that a server gets, each judged once."""
-    with OwnServer("--speed", "max", *_OPTIONS[name]) as server:
+    with judged_server("--speed", "max", *_OPTIONS[name]) as server:
         results = asyncio.run(try_wire_faults(server.ports, faults))
         stalled = [one for one in results.values() if STANDS_STILL in one.reason]
         if stalled:
-            print(server.last_words())
+            server.end(signal.SIGABRT)
+            print(server.errors)  # at its end, where each thread stands
             pytest.fail(f"{stalled[0].check}: {stalled[0].reason}", pytrace=False)
     return results
 

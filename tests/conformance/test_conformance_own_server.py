@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import queue
+import signal
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -14,7 +15,7 @@ import pytest
 from mutants.fault_proxy import proxied
 from mutants.wire_faults import all_wire_faults
 
-from usarsim_conformance.own_server import OwnServer
+from usarsim_conformance.own_server import judged_server
 from usarsim_conformance.registry import Verdict, all_checks, select
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.side_lines import split_reply
@@ -140,8 +141,9 @@ def test_nonsense_is_refused(words: list[str]) -> None:
 
 def test_last_words() -> None:
     """A server that hangs is ended and tells where each of its threads stands."""
-    with OwnServer() as server:
-        words = server.last_words()
+    with judged_server() as server:
+        server.end(signal.SIGABRT)
+        words = server.errors
     assert server.died
     assert "Fatal Python error: Aborted" in words
     assert words.count("(most recent call first)") > 2

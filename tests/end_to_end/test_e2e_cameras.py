@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from usarsim_client import BlockingConnection, rectangle
 from usarsim_server.app import Assembly
+from usarsim_server.base.launch import LaunchError
 from usarsim_server.testing import (
     PATIENCE,
     ScriptedClient,
@@ -430,5 +431,5 @@ def test_two_viewers_of_different_tiles(
 
 def test_a_view_that_does_not_exist_is_one_error() -> None:
     """A spectator with a misspelt view keeps the server from starting, and says what there is."""
-    with pytest.raises(RuntimeError, match=r"error: there is no view 'tpo' \(known: .*top"):
+    with pytest.raises(LaunchError, match=r"error: there is no view 'tpo' \(known: .*top"):
         ServerProcess("--world", "empty", "--image-port", "0", "--spectator", "tpo")

@@ -10,7 +10,6 @@ import json
 import os
 import random
 import resource
-import signal
 import socket
 import subprocess
 import sys
@@ -28,7 +27,7 @@ from usarsim_maps.cache import KEPT, RECORD, ImportCache
 from usarsim_maps.convert import Request, import_map
 from usarsim_record.recording import read
 from usarsim_server.radio.event_log import Event, EventLog
-from usarsim_server.testing import PATIENCE
+from usarsim_server.testing import PATIENCE, ServerProcess
 from usarsim_server.worlds.loader import load_world
 
 HERE = Path(__file__).parent
@@ -345,23 +344,10 @@ class TestClock:
 def test_a_killed_server_leaves_whole_lines(tmp_path: Path) -> None:
     """The wireless record of a server that is killed holds only whole lines."""
     file = tmp_path / "events.csv"
-    off = ("--image-port=off", "--groundtruth-port=off", "--truth-port=off")
-    options = ("--world=empty", "--port=0", "--wireless-port=0", *off)
-    process = subprocess.Popen(
-        usarsim("serve", *options, f"--wireless-log={file}"),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    )
-    try:
-        assert process.stdout is not None
-        ready = process.stdout.readline()
-        port = int(ready.split("wireless=")[1].split()[0].rpartition(":")[2])
+    with ServerProcess("--world=empty", "--wireless-port=0", f"--wireless-log={file}") as server:
+        address = "127.0.0.1", server.ports["wireless"]
         for number in range(30):
-            with socket.create_connection(("127.0.0.1", port), timeout=HANG) as client:
+            with socket.create_connection(address, timeout=HANG) as client:
                 client.sendall(b"INIT {Robot Rover%d} {Port 0};" % number)
-    finally:
-        process.send_signal(signal.SIGKILL)
-        process.communicate()
     data = file.read_bytes()
     assert not data or data.endswith(b"\n")

@@ -53,7 +53,7 @@ def test_a_server_loses_no_report_and_keeps_its_pace(
         steps = [later - earlier for earlier, later in pairwise(told)]
         assert min(steps) > 0.0
         assert max(steps) < 1.5 * min(steps), "a report is missing"
-        assert server.stop() == 0
+        assert server.end() == 0
         assert "Traceback" not in server.errors
 
 

@@ -135,7 +135,7 @@ def test_images_need_no_robot() -> None:
         assert (kind, decoded(payload).shape) == (3, (960, 1280, 3))
         assert asker.silent_for(0.2)
         asker.close()
-        assert server.stop() == 0
+        assert server.end() == 0
         assert "Traceback" not in server.errors
 
 

@@ -187,7 +187,7 @@ def test_robots_come_and_go_for_a_while(tmp_path: Path) -> None:
         last = server.client()
         last.send("INIT {ClassName P3AT} {Location 0,0,-0.3}")
         assert last.wait_for("STA")
-        assert server.stop() == 0
+        assert server.end() == 0
         assert "Traceback" not in server.errors
 
 

@@ -16,6 +16,7 @@ import pytest
 from lanes import slow_but
 
 from usarsim_server.base.files import data_directory
+from usarsim_server.base.launch import LaunchError
 from usarsim_server.testing import ScriptedClient, ServerProcess, eventually
 
 TICK = "NFO {Status Tick}"
@@ -183,7 +184,7 @@ def test_a_silent_controller_is_given_up() -> None:
 
 def test_a_pace_and_lockstep_exclude_each_other() -> None:
     """Both together is one clear error."""
-    with pytest.raises(RuntimeError, match="lockstep goes at no pace of its own"):
+    with pytest.raises(LaunchError, match="lockstep goes at no pace of its own"):
         ServerProcess("--world", "empty", "--lockstep", "--speed", "2")
 
 

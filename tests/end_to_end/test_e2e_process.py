@@ -20,22 +20,19 @@ from lanes import slow_but
 from signalled import HANG, Ending, finished, signalled
 from test_e2e_import import level
 
-from usarsim_server.testing import PATIENCE, SIDE_PORTS, ServerProcess
+from usarsim_server.testing import SIDE_PORTS, ServerProcess
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_end_it_cleanly(number: signal.Signals) -> None:
     """SIGINT and SIGTERM end it with code 0, one line on stdout, no traceback."""
     with ServerProcess("--world", "empty") as server:
-        assert re.fullmatch(r"READY control=127\.0\.0\.1:\d+\n", server.ready_line)
+        assert re.search(r"^READY control=127\.0\.0\.1:\d+$", server.errors, re.MULTILINE)
         client = server.client()
         client.send("INIT {ClassName P3AT} {Location 0,0,-0.3}")
         client.wait_for("STA")
-        server.process.send_signal(number)
-        assert server.process.wait(PATIENCE) == 0
-        assert server.process.stdout is not None
-        assert server.process.stdout.read() == ""
-        server.stop()
+        assert server.end(number) == 0
+        assert server.line() == "", "no more on standard output"
         assert "Traceback" not in server.errors
 
 
@@ -115,7 +112,7 @@ def test_it_ends_cleanly_with_busy_robots() -> None:
                 client.send(f"INIT {{ClassName P3AT}} {{Start RobotStart{index % 16 + 1}}}")
             for client in clients:
                 client.wait_for("SEN")
-            assert server.stop() == 0, server.errors
+            assert server.end() == 0, server.errors
 
 
 PORTS = [f"--{key.replace('_', '-')}=off" for key in SIDE_PORTS] + ["--port=0"]

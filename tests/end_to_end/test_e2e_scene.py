@@ -339,7 +339,7 @@ def test_over_sockets() -> None:
         live(port, watch, token="open sesame")
         with pytest.raises(HangupError, match="token"):
             live(port, lambda scene: None)
-        assert server.stop() == 0
+        assert server.end() == 0
         assert "sesame" not in server.errors
 
 

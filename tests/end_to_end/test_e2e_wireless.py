@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from usarsim_server.base.launch import LaunchError
 from usarsim_server.testing import PATIENCE, ScriptedClient, ServerProcess, eventually
 
 BASE, NEAR_ONE, NEAR_TWO = (-12.0, 0.0), (-9.0, 1.5), (-9.0, -1.5)
@@ -285,7 +286,7 @@ def test_a_robot_drives_out_of_sight_and_back(tmp_path: Path) -> None:
 )
 def test_mistakes_end_the_server(arguments: tuple[str, ...], words: str) -> None:
     """A wrong model or file is one line, not a server without radio."""
-    with pytest.raises(RuntimeError) as caught:
+    with pytest.raises(LaunchError) as caught:
         ServerProcess("--world", "empty", "--wireless-port", "0", *arguments)
     assert words in str(caught.value)
     assert "Traceback" not in str(caught.value)
@@ -296,6 +297,6 @@ def test_mistakes_in_the_settings_file(tmp_path: Path) -> None:
     """A [wireless] table is checked, and the error names file, table and key."""
     file = tmp_path / "lab.toml"
     file.write_text('world = "empty"\n[wireless]\nmodel = "obstacle"\nlatncy = 1\n')
-    with pytest.raises(RuntimeError) as caught:
+    with pytest.raises(LaunchError) as caught:
         ServerProcess("--config", str(file), "--wireless-port", "0")
     assert f"{file}: [wireless]: latncy: unknown key" in str(caught.value)

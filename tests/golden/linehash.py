@@ -31,7 +31,7 @@ from linehash_play import SESSIONS, Lines, grounds, play
 from linehash_yard import EVERY_SENSOR
 
 from benchmarks.apart import all_classes
-from usarsim_bench.server import BenchError
+from usarsim_bench.figures import BenchError
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.base.toml import read_text
 from usarsim_server.protocol.json_text import parse_json

@@ -17,14 +17,15 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
+from benchmarks.server import CarefulClosing
 from hostile.attack import Attack
 from hostile.control_attacks import CONTROL_ATTACKS
 from hostile.links import Damage, Site, work
 from hostile.scene_attacks import SCENE_ATTACKS
 from hostile.side_attacks import SIDE_ATTACKS
 from hostile.web_attacks import WEB_ATTACKS
-from usarsim_bench.server import BenchError, CarefulClosing
-from usarsim_server.base.children import python
+from usarsim_bench.figures import BenchError
+from usarsim_server.base.launch import python
 from usarsim_server.protocol.json_text import parse_json
 
 ATTACKS: Mapping[str, Attack] = {

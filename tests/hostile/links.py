@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from usarsim_bench.server import BenchError
+from usarsim_bench.figures import BenchError
 
 HOST = "127.0.0.1"
 SHARE = 0.1

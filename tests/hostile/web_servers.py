@@ -9,16 +9,16 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-import re
 import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.server import CarefulClosing, Measured
 from hostile.attack import MIB
 from hostile.web_attacks import TOKENS
-from usarsim_bench.server import BenchError, CarefulClosing, Program
 from usarsim_server.base.extras import need
+from usarsim_server.base.launch import python
 
 MOST_GROWTH = 64 * MIB
 """Bytes by which the memory of each may grow."""
@@ -26,39 +26,30 @@ LINES, LINE_RATE = 5.0, 1.0
 """Lines that each may write to its log at once, and a second."""
 MOST_CORES = 0.75
 """Processors that each may use: the attackers' share, and what answers to newcomers get."""
-_STOP_TIMEOUT = 15.0
 _ENDED = "cannot be written any further"
 
 
-class _Page(Program):
+class _Page(Measured):
     """One of them. port: of its pages."""
 
-    def __init__(self, what: str, command: Sequence[str], announced: int) -> None:
-        super().__init__(what, command, _STOP_TIMEOUT)
-        lines = "".join(self._line() for _ in range(announced))
-        found = re.search(r"http://[^/]*:(\d+)/", lines)
-        if found is None:
-            said = self._said()
-            self._process.kill()
-            self._process.wait()
-            raise BenchError(f"{what} did not start: {said}")
-        self.port = int(found[1])
-        self.opening = self.usage()
+    def __init__(self, what: str, module: Sequence[str], announced: int) -> None:
+        super().__init__(what, python("-m", *module, tied=True))
+        self.port = int(self.announced(r".*http://[^/]*:(\d+)/", announced)[0][1])
+        self.told, self.opening = announced, self.usage()
 
     def faults(self) -> list[str]:
         """What is not as promised since it started."""
         now, found = self.usage(), []
         seconds = now.wall - self.opening.wall
         if now.resident - self.opening.resident > MOST_GROWTH:
-            found.append(f"memory of {self._what}")
+            found.append(f"memory of {self.what}")
         if (now.cpu - self.opening.cpu) / seconds > MOST_CORES:
-            found.append(f"processor of {self._what}")
-        # By another description than the process has: what it writes goes on where it was.
-        log = Path(f"/proc/self/fd/{self._errors.fileno()}").read_text()
-        if log.count("\n") > LINES + LINE_RATE * seconds:
-            found.append(f"{log.count(chr(10))} lines of {self._what}")
+            found.append(f"processor of {self.what}")
+        log = self.errors
+        if (lines := log.count("\n") - self.told) > LINES + LINE_RATE * seconds:
+            found.append(f"{lines} lines of {self.what}")
         if _ENDED in log:
-            found.append(f"{self._what} records no more")
+            found.append(f"{self.what} records no more")
         return found
 
 

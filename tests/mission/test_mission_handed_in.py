@@ -11,8 +11,13 @@ from scripted import Script
 
 from usarsim_mission.errors import MissionError
 from usarsim_mission.grid import FREE, UNKNOWN, WALL, Grid
-from usarsim_mission.hand_in import Reported, write_hand_in
-from usarsim_mission.match.handed_in import Frame, refuse_old, take
+from usarsim_mission.hand_in import (
+    Frame,
+    Reported,
+    refuse_old_hand_in,
+    take_handed_in,
+    write_hand_in,
+)
 from usarsim_mission.match.team import read_team
 
 VICTIMS = (Reported(1, 5.2, 4.9, "conscious"), Reported(2, 9.0, 9.0))
@@ -47,9 +52,9 @@ def test_files_are_moved_and_read_back(tmp_path: Path, frame: Frame) -> None:
     run.mkdir()
     _leave(left, frame)
     with pytest.raises(MissionError, match="move it away"):
-        refuse_old(left)
-    told = dict(take(left, run, frame))
-    refuse_old(left)
+        refuse_old_hand_in(left)
+    told = dict(take_handed_in(left, run, frame))
+    refuse_old_hand_in(left)
     grid, again = _grid(), Grid.unpacked(told["map"])
     assert (again.x, again.y, again.cell) == pytest.approx((grid.x, grid.y, grid.cell))
     assert np.array_equal(again.cells, grid.cells)
@@ -76,7 +81,7 @@ def test_what_is_wrong_has_a_cure(tmp_path: Path, name: str, text: str, why: str
     _leave(tmp_path / "left", "world")
     (tmp_path / "left" / name).write_text(text)
     with pytest.raises(MissionError, match=why):
-        list(take(tmp_path / "left", tmp_path, "world"))
+        list(take_handed_in(tmp_path / "left", tmp_path, "world"))
 
 
 def test_what_is_handed_in_counts_at_the_end() -> None:

@@ -11,10 +11,8 @@ import base64
 import contextlib
 import io
 import os
-import re
+import signal
 import socket
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -28,6 +26,7 @@ from fake_gateway import FakeGateway
 from numpy.typing import NDArray
 from PIL import Image
 
+from usarsim_server.base.launch import Program, python
 from usarsim_server.testing import PATIENCE, Closing, ServerProcess
 
 HUES = {"red": (0.9, 0.05, 0.05), "green": (0.05, 0.8, 0.05), "blue": (0.1, 0.15, 0.95),
@@ -156,7 +155,7 @@ class Tap(Closing):
             one.close()
 
 
-class Console(Closing):
+class Console(Program):
     """`usarsim console` in a process of its own; of a server without images, unless one is named.
 
     Attributes:
@@ -168,30 +167,16 @@ class Console(Closing):
         self._nowhere = socket.socket()
         self._nowhere.bind(("127.0.0.1", 0))
         images = ["--image-port", str(self._nowhere.getsockname()[1])]
-        command = [sys.executable, "-m", "usarsim_server", "console", "--no-browser",
-                   "--connect", f"127.0.0.1:{control}", "--console-port", "0",
-                   "--latch", str(folder / "latch"), "--viewer-delay", "0",
-                   *images, *arguments]  # fmt: skip
-        self._errors = open(folder / "console.log", "w+")  # noqa: SIM115
-        self.process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=self._errors, text=True
-        )
-        assert self.process.stdout is not None
-        self.urls: dict[str, str] = {}
-        while len(self.urls) < 3:
-            found = re.match(r"CONSOLE (\S+) (\w+)", self.process.stdout.readline())
-            if found is None:
-                self._errors.seek(0)
-                raise RuntimeError(f"the console did not start: {self._errors.read()}")
-            self.urls[found[2]] = found[1]
+        words = ["console", "--no-browser", "--connect", f"127.0.0.1:{control}",
+                 "--console-port", "0", "--latch", str(folder / "latch"),
+                 "--viewer-delay", "0", *images, *arguments]  # fmt: skip
+        super().__init__("the console", python("-m", "usarsim_server", *words, tied=True))
+        self.urls = {one[2]: one[1] for one in self.announced(r"CONSOLE (\S+) (\w+)", 3)}
 
     def close(self) -> None:
-        self.process.kill()
-        self.process.wait()
-        self._errors.close()
+        """Kill it."""
+        self.end(signal.SIGKILL)
         self._nowhere.close()
-        if self.process.stdout is not None:
-            self.process.stdout.close()
 
 
 class Played:

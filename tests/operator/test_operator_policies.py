@@ -15,8 +15,8 @@ from usarsim_operator import policies
 from usarsim_operator.ground import Disc, Ground
 from usarsim_operator.navigation import FAR, FREE, WALL, Grid, distances, way
 from usarsim_operator.occupancy import CELL, OccupancyMap
-from usarsim_operator.policies import View
 from usarsim_operator.roles import Role
+from usarsim_operator.view import View
 
 ROOMS = Plan("""
 ####################

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from usarsim_batch.errors import BatchError
 from usarsim_batch.folder import Folder, write
-from usarsim_server.base.children import python
+from usarsim_server.base.launch import python
 
 SCRIPT = "slurm.sh"
 MOST = 1000

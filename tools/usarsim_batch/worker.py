@@ -26,7 +26,7 @@ from typing import IO, Any, NoReturn
 import psutil
 
 from usarsim_batch.tasks import Played, Run, T, failed
-from usarsim_server.base.children import python
+from usarsim_server.base.launch import python
 
 _LOOK = 0.5
 """s between two looks at time and memory of a run."""

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
 from statistics import median
 
-from usarsim_bench.camera_client import Viewer, summed_up
+import psutil
+
 from usarsim_bench.crowd import Controller, Crowd
-from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms
-from usarsim_bench.recording import (
-    between,
-    first_reading,
-    longest_extra_gap,
-    real_time_factor,
-    status_samples,
-    streams,
-)
-from usarsim_bench.server import BenchError, Load, Server, load_between
+from usarsim_bench.figures import Aim, BenchError, Figure, Section, in_ms
+from usarsim_bench.recording import between, first_reading, real_time_factor, status_samples
+from usarsim_bench.watching import watching
+from usarsim_server.base.launch import OwnServer
 
 TEAMS = (4, 8, 16, 24, 32, 48, 64, 96, 128)
 """Sizes that are tried in turn, until one does not keep real time."""
@@ -32,8 +30,6 @@ RATE = 15.0
 PRESENT = 8
 """Robots that are there while others come."""
 NEWCOMERS = 3
-PATIENCE = 30.0
-"""s of wall time for newcomers."""
 
 REAL_TIME = 0.99
 """Real-time factor from which on a team counts as kept."""
@@ -41,150 +37,128 @@ ROBOTS_AIM = Aim(">=", 16)
 PICTURES_AIM = Aim(">=", 0.9 * RATE)
 INIT_AIM = Aim("<", 300.0)
 CROWD_AIM = Aim("<", 3.0)
-LATE_AIM = Aim("<", 200.0)
 
 
-def measure_robots(plan: Plan) -> Section:
-    """The largest team of P3AT that keeps real time; `plan.seconds` of wall time for each size."""
-    seconds = plan.seconds or SECONDS
+def measure_robots(world: str, only: int | None, seconds: float | None) -> Section:
+    """The largest team of P3AT that keeps real time; `seconds` of wall time for each size."""
+    seconds = seconds or SECONDS
     figures, kept = [], 0
-    for robots in plan.sizes(TEAMS, TEAMS[0]):
-        plan.say(f"robots: {robots} for {seconds:g} s")
-        with Server(plan.world, robots) as server, Crowd(server.port, plan.seed) as crowd:
-            _gather(crowd, robots)
-            factor, load = _watched(server, crowd, seconds)
+    for robots in (only,) if only else TEAMS:
+        say(f"robots: {robots} for {seconds:g} s")
+        with _team(world, robots) as (server, crowd):
+            start, stop, cores = _watched(server, crowd, seconds)
+            told = [between(status_samples(one.chunks), start, stop) for one in crowd.controllers]
+        try:
+            factor = min(real_time_factor(one, EDGE * seconds) for one in told)
+        except ValueError as error:
+            raise BenchError(f"too few STA lines: {error}") from None
         figures.append(Figure(f"{robots} robots: real-time factor", factor, "", 3))
-        figures.append(Figure(f"{robots} robots: processor use", load.process, "cores"))
+        figures.append(Figure(f"{robots} robots: processor use", cores, "cores"))
         if factor < REAL_TIME:
             break
         kept = robots
-    aim = ROBOTS_AIM if plan.robots is None and not plan.brief else None
+    aim = None if only else ROBOTS_AIM
     figures.insert(0, Figure("Most robots in real time", kept, "robots", 0, aim))
     return Section(
         "robots",
         "Robots",
-        f"P3AT with all their sensors in {plan.world}, random DRIVE commands at 2 Hz each, clients "
+        f"P3AT with all their sensors in {world}, random DRIVE commands at 2 Hz each, clients "
         f"in another process, {seconds:g} s for each size; real time is a factor of "
         f"{REAL_TIME:g} or more for every robot.",
         tuple(figures),
     )
 
 
-def measure_cameras(plan: Plan) -> Section:
-    """Pictures that each of many image clients gets; `plan.seconds` of wall time for each size."""
-    seconds = plan.seconds or SECONDS
+def measure_cameras(world: str, only: int | None, seconds: float | None) -> Section:
+    """Pictures that each of many image clients gets."""
+    seconds = seconds or SECONDS
     figures = []
-    for wanted in plan.sizes((1, 4, MOST_CAMERAS), 1):
+    for wanted in (only,) if only else (1, 4, MOST_CAMERAS):
         cameras = min(wanted, MOST_CAMERAS)
-        plan.say(f"cameras: {cameras} for {seconds:g} s")
-        with ExitStack() as stack:
-            server = stack.enter_context(Server(plan.world, cameras))
-            crowd = stack.enter_context(Crowd(server.port, plan.seed))
-            _gather(crowd, cameras)
-            viewers = [
-                stack.enter_context(
-                    Viewer(
-                        server.port_of("images"), (320 * (n % 4), 240 * (n // 4), 320, 240), RATE
-                    )
-                )
-                for n in range(cameras)
-            ]
-            for viewer in viewers:
-                viewer.wait()
-            before = server.usage()
-            start, stop = crowd.run(seconds)
-            load = load_between(before, server.usage())
-            seen = [summed_up(one.pictures, start, stop) for one in viewers]
-        name = f"{cameras} watched: "
-        aim = PICTURES_AIM if cameras <= 4 else None
+        say(f"cameras: {cameras} for {seconds:g} s")
+        tiles = [(320 * (n % 4), 240 * (n // 4), 320, 240) for n in range(cameras)]
+        with (
+            _team(world, cameras) as (server, crowd),
+            watching(server.ports["images"], tiles, RATE) as found,
+        ):
+            start, stop, cores = _watched(server, crowd, seconds)
+        seen = [[one for one in views if start <= one.come <= stop] for views in found]
+        if not all(seen):
+            raise BenchError(f"no picture of a camera came in {seconds:g} s")
+        name, aim = f"{cameras} watched: ", PICTURES_AIM if cameras <= 4 else None
+        changes = [sum(a.content != b.content for a, b in pairwise(views)) for views in seen]
+        news = min(changes) / (stop - start)
+        waits = [median(one.come - one.asked for one in views) for views in seen]
         figures += [
-            Figure(f"{name}pictures of a camera, fewest", min(s.news for s in seen), "1/s", 1, aim),
-            in_ms(f"{name}time to answer, median", median(s.median for s in seen), 0),
-            Figure(f"{name}processor use", load.process, "cores"),
+            Figure(f"{name}pictures of a camera, fewest", news, "1/s", 1, aim),
+            in_ms(f"{name}time to answer, median", median(waits), 0),
+            Figure(f"{name}processor use", cores, "cores"),
         ]
     return Section(
         "cameras",
         "Cameras",
-        f"A client for each camera of 320 x 240 asks {RATE:g} times a second in {plan.world}; "
+        f"A client for each camera of 320 x 240 asks {RATE:g} times a second in {world}; "
         f"pictures count that differ from the one before, {seconds:g} s.",
         tuple(figures),
     )
 
 
-def measure_inits(plan: Plan) -> Section:
-    """How soon newcomers are served, alone and many at once, and how late others' lines get.
-
-    Raises:
-        BenchError: if a newcomer is not served, or those who are there say hardly anything.
-    """
-    crowded = plan.robots or TEAMS[1]
-    plan.say(f"inits: {NEWCOMERS} alone, {crowded} at once")
-    with (
-        Server(plan.world, PRESENT + NEWCOMERS + crowded) as server,
-        Crowd(server.port, plan.seed) as crowd,
-    ):
-        _gather(crowd, PRESENT)
-        present = list(crowd.controllers)
-        crowd.run(SETTLE)
-        alone, gaps = [], []
+def measure_inits(world: str, only: int | None, seconds: float | None) -> Section:
+    """How soon newcomers are served, alone and `only` at once."""
+    crowded, alone = only or TEAMS[1], []
+    say(f"inits: {NEWCOMERS} alone, {crowded} at once")
+    with _team(world, PRESENT, NEWCOMERS + crowded) as (_, crowd):
         for _ in range(NEWCOMERS):
-            newcomer = crowd.join()
+            alone.append(crowd.join())
             crowd.run(SETTLE)
-            alone.append(_delay(newcomer))
-            gaps.append((newcomer.joined, newcomer.joined + SETTLE))
         at_once = [crowd.join() for _ in range(crowded)]
         crowd.wait_until_speaking(at_once)
         crowd.run(SETTLE)
-        slowest = max(_delay(one) for one in at_once)
-        told = [times for one in present for times in streams(one.chunks).values()]
-    try:
-        late = max(longest_extra_gap(times, *gap) for times in told for gap in gaps)
-    except ValueError as error:
-        raise BenchError(f"too few lines of those who are there: {error}") from None
+    slowest = max(map(_delay, at_once))
     return Section(
         "inits",
         "Newcomers",
-        f"{PRESENT} P3AT drive around in {plan.world} while others send INIT. Late: the longest "
-        "silence of any stream of those who are there beyond its period.",
+        f"{PRESENT} P3AT drive around in {world} while others send INIT.",
         (
-            in_ms("INIT to the first SEN, median", median(alone), 0, INIT_AIM),
+            in_ms("INIT to the first SEN, median", median(map(_delay, alone)), 0, INIT_AIM),
             Figure(f"{crowded} INITs at once: all served after", slowest, "s", 2, CROWD_AIM),
-            in_ms("Late meanwhile, longest", late, 0, LATE_AIM),
         ),
     )
 
 
-def _gather(crowd: Crowd, robots: int) -> None:
-    crowd.wait_until_speaking([crowd.join() for _ in range(robots)])
-    crowd.run(SETTLE)
+@contextmanager
+def _team(world: str, robots: int, more: int = 0) -> Iterator[tuple[OwnServer, Crowd]]:
+    """A server whose robots drive around and have settled, with room for some more."""
+    options = (f"--world={world}", f"--max-robots={robots + more}", "--image-port=0")
+    with OwnServer(*options) as server, Crowd(server.ports["control"]) as crowd:
+        crowd.wait_until_speaking([crowd.join() for _ in range(robots)])
+        crowd.run(SETTLE)
+        yield server, crowd
 
 
-def _watched(server: Server, crowd: Crowd, seconds: float) -> tuple[float, Load]:
-    """Real-time factor of the robot that has the lowest, and who used the processors.
+def _watched(server: OwnServer, crowd: Crowd, seconds: float) -> tuple[float, float, float]:
+    """When a stretch of driving began and ended, and the processors that the server kept busy."""
 
-    Raises:
-        BenchError: if a robot hardly says anything.
-    """
-    before = server.usage()
+    def busy() -> float:
+        try:
+            times = psutil.Process(server.process.pid).cpu_times()
+        except psutil.Error:
+            raise BenchError(f"the server died: {server.said}") from None
+        return times.user + times.system
+
+    before = busy()
     start, stop = crowd.run(seconds)
-    load = load_between(before, server.usage())
-    try:
-        factor = min(
-            real_time_factor(between(status_samples(one.chunks), start, stop), EDGE * seconds)
-            for one in crowd.controllers
-        )
-    except ValueError as error:
-        raise BenchError(f"too few STA lines: {error}") from None
-    return factor, load
+    return start, stop, (busy() - before) / (stop - start)
 
 
 def _delay(newcomer: Controller) -> float:
-    """s from INIT to the first SEN.
-
-    Raises:
-        BenchError: if there is none.
-    """
+    """s from INIT to the first SEN."""
     came = first_reading(newcomer.chunks)
     if came is None:
         raise BenchError(f"no SEN line for {newcomer.name} after {SETTLE:g} s")
     return came - newcomer.joined
+
+
+def say(text: str) -> None:
+    """Print a line of progress to standard error."""
+    print(text, file=sys.stderr, flush=True)

@@ -1,8 +1,4 @@
-"""Many controllers in one thread: they read everything and drive around.
-
-While it counts, bytes are only stored with the time at which they were there; what they say is
-looked at afterwards (`recording.py`).
-"""
+"""Many controllers in one thread: they drive around and store all that they get (`recording`)."""
 
 from __future__ import annotations
 
@@ -11,20 +7,20 @@ import heapq
 import random
 import selectors
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from itertools import count
 
-from usarsim_bench.recording import Chunk, start_tags
-from usarsim_bench.server import BenchError
+from usarsim_bench.figures import BenchError
+from usarsim_bench.recording import Chunk
 from usarsim_client import BlockingConnection, Closing, command
+from usarsim_client.decoder import decode
+from usarsim_client.reports import StartPoses
 
 DEFAULT_CLASS = "P3AT"
 DRIVE_PERIOD = 0.5
 """Mean s between two DRIVE commands of one robot."""
 _DRIVE_SCATTER = 0.5
-"""The time between two commands varies by this part of the mean, so that it never beats in time
-with the physics."""
+"""Part of the mean by which that varies, so that it never beats in time with the physics."""
 _SPEAK_TIMEOUT = 30.0
 _ANSWER_TIMEOUT = 10.0
 _READ = 65536
@@ -34,11 +30,8 @@ class Controller:
     """One client and its robot.
 
     Attributes:
-        name: of the robot.
-        robot_class: of the robot.
-        joined: wall time of its INIT.
+        name, robot_class: of the robot. joined: wall time of its INIT.
         chunks: everything received so far; stays empty in a crowd that does not keep.
-        received: bytes received.
         speaking: whether a STA line has come, so that the robot is in the world.
     """
 
@@ -47,7 +40,6 @@ class Controller:
         self.name, self.robot_class = name, robot_class
         self.joined = 0.0
         self.chunks: list[Chunk] = []
-        self.received = 0
         self.speaking = False
         # Its bytes are taken as they come: a client that reads lines costs several times as much.
         self.socket = BlockingConnection(port, patience=_ANSWER_TIMEOUT).socket
@@ -70,11 +62,7 @@ class Controller:
         return moment
 
     def read(self, keep: bool) -> None:
-        """Take what has arrived.
-
-        Raises:
-            BenchError: if the server has hung up.
-        """
+        """Take what has arrived; `BenchError` if the server has hung up."""
         try:
             data = self.socket.recv(_READ)
         except BlockingIOError:
@@ -84,7 +72,6 @@ class Controller:
         if not data:
             raise BenchError(f"the server hung up on {self.name}")
         moment = time.perf_counter()
-        self.received += len(data)
         self.speaking = self.speaking or b"STA {" in data
         if keep:
             self.chunks.append((moment, data))
@@ -109,13 +96,12 @@ class Crowd(Closing):
     """
 
     def __init__(
-        self, port: int, seed: int, behaviour: Behaviour = wander, *, keep: bool = True
+        self, port: int, seed: int = 0, behaviour: Behaviour = wander, *, keep: bool = True
     ) -> None:
         """Start without anybody.
 
         Args:
-            port: of robot control.
-            seed: of what the controllers do.
+            port: of robot control. seed: of what the controllers do.
             behaviour: what they do, every `DRIVE_PERIOD` on average.
             keep: store what they receive.
 
@@ -123,10 +109,8 @@ class Crowd(Closing):
             BenchError: if the server has no start poses.
         """
         self.controllers: list[Controller] = []
-        self._port = port
+        self._port, self._behaviour, self._keep = port, behaviour, keep
         self._dice = random.Random(seed)
-        self._behaviour = behaviour
-        self._keep = keep
         self._selector = selectors.DefaultSelector()
         self._numbers = count(1)
         self._drives: list[tuple[float, int, Controller]] = []
@@ -155,14 +139,7 @@ class Crowd(Closing):
         heapq.heapify(self._drives)
 
     def run(self, seconds: float) -> tuple[float, float]:
-        """Read and drive for some wall time.
-
-        Returns:
-            Wall times at which it began and ended.
-
-        Raises:
-            BenchError: if the server hangs up on somebody.
-        """
+        """Read and drive for some s; the wall times at which that began and ended."""
         start = time.perf_counter()
         self._run_until(start + seconds, lambda: False)
         return start, time.perf_counter()
@@ -187,12 +164,15 @@ class Crowd(Closing):
         self._selector.close()
 
     def _run_until(self, deadline: float, finished: Callable[[], bool]) -> None:
-        with _no_collection():
+        gc.disable()  # it would walk over all that is stored
+        try:
             while not finished() and (now := time.perf_counter()) < deadline:
                 self._drive_due(now)
                 wake = min(deadline, self._drives[0][0]) if self._drives else deadline
                 for key, _ in self._selector.select(max(0.0, wake - now)):
                     key.data.read(self._keep)
+        finally:
+            gc.enable()
 
     def _drive_due(self, now: float) -> None:
         while self._drives and self._drives[0][0] <= now:
@@ -204,21 +184,10 @@ class Crowd(Closing):
             heapq.heapreplace(self._drives, (next_due, number, controller))
 
 
-@contextmanager
-def _no_collection() -> Iterator[None]:
-    """Without the cyclic garbage collector, which would walk over all stored chunks."""
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_enabled:
-            gc.enable()
-
-
 def _ask_start_tags(port: int) -> list[str]:
     with BlockingConnection(port, patience=_ANSWER_TIMEOUT) as client:
-        tags = start_tags(client.ask(command("GETSTARTPOSES"), "NFO {StartPoses").text)
-    if not tags:
-        raise BenchError("the world has no start poses")
-    return tags
+        line = client.ask(command("GETSTARTPOSES"), "NFO {StartPoses")
+    match decode(line.raw.strip()):
+        case [StartPoses(poses)] if poses:
+            return [pose.tag for pose in poses]
+    raise BenchError("the world has no start poses")

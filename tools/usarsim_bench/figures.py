@@ -1,78 +1,36 @@
 """What a measurement hands back: figures with units and aims, in sections of a report, which names
-the machine that they were taken on: without that a figure means little.
+the machine that they were taken on: without that a figure means little. For the terminal and as
+JSON.
 """
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import platform
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import textwrap
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from datetime import datetime
 from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
 import psutil
 
+from usarsim_server.base.errors import UsarsimError
+from usarsim_server.cli.common import facts
+
 _PACKAGES = ("mujoco", "numpy", "embreex")
+_WIDTH = 100
+_VERDICT = {True: "met", False: "MISSED", None: ""}
 
 
-@dataclass(frozen=True, slots=True)
-class Machine:
-    """A computer and the software that matters."""
-
-    processor: str  # model name
-    cores: int  # that the machine has
-    usable_cores: int  # that this process may use
-    memory: int  # bytes
-    system: str  # kernel and architecture
-    python: str  # implementation and version
-    packages: dict[str, str]  # versions by distribution name; "none" for what is not installed
-    load: float  # programs ready to run, mean of the last minute, before measuring began
-
-    def facts(self) -> list[tuple[str, str]]:
-        """Name and value of everything, for people."""
-        return [
-            ("Processor", self.processor),
-            ("Cores", f"{self.usable_cores} of {self.cores}"),
-            ("Memory", f"{self.memory / 2**30:.1f} GiB"),
-            ("System", self.system),
-            ("Python", self.python),
-            *((name, version) for name, version in self.packages.items()),
-            ("Load before", f"{self.load:.2f}"),
-        ]
-
-
-def describe_machine(server_version: str) -> Machine:
-    """This machine, now, and the version of the server that is measured."""
-    return Machine(
-        processor=_processor(),
-        cores=os.cpu_count() or 1,
-        usable_cores=len(os.sched_getaffinity(0)),
-        memory=psutil.virtual_memory().total,
-        system=f"{platform.system()} {platform.release()} {platform.machine()}",
-        python=f"{platform.python_implementation()} {platform.python_version()}",
-        packages={"usarsim-server": server_version} | {name: _version(name) for name in _PACKAGES},
-        load=os.getloadavg()[0],
-    )
-
-
-def _processor() -> str:
-    try:
-        found = re.search(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(), re.M)
-    except OSError:
-        found = None
-    return found[1].strip() if found else platform.processor() or "unknown"
-
-
-def _version(name: str) -> str:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return "none"
+class BenchError(UsarsimError):
+    """A measurement could not be taken; says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,11 +76,6 @@ def in_ms(name: str, seconds: float, digits: int = 2, aim: Aim | None = None) ->
     return Figure(name, 1e3 * seconds, "ms", digits, aim)
 
 
-def p99(values: Sequence[float]) -> float:
-    """The 99th percentile of values."""
-    return float(np.percentile(values, 99.0))
-
-
 @dataclass(frozen=True, slots=True)
 class Table:
     """Many cases beside each other."""
@@ -147,14 +100,14 @@ class Section:
 class Report:
     """All sections of one run."""
 
-    machine: Machine  # that they were taken on
+    machine: Mapping[str, str]  # that they were taken on: name and value of what matters
     taken: datetime  # when the run began, UTC
     sections: tuple[Section, ...]  # in the order to show them
 
     @property
-    def facts(self) -> list[tuple[str, str]]:
+    def facts(self) -> dict[str, str]:
         """Name and value of everything but the figures, for people."""
-        return [("Taken", f"{self.taken:%Y-%m-%d %H:%M} UTC"), *self.machine.facts()]
+        return {"Taken": f"{self.taken:%Y-%m-%d %H:%M} UTC", **self.machine}
 
     @property
     def failed(self) -> list[str]:
@@ -167,24 +120,93 @@ class Report:
         return sum(figure.met is False for section in self.sections for figure in section.figures)
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """What to measure with."""
+def describe_machine(server_version: str) -> dict[str, str]:
+    """What figures depend on: this machine, now, and the versions of all that computes."""
+    found, versions = None, {"usarsim-server": server_version}
+    with suppress(OSError):
+        found = re.search(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(), re.M)
+    for name in _PACKAGES:
+        with suppress(metadata.PackageNotFoundError):
+            versions[name] = metadata.version(name)
+    return {
+        "Processor": found[1].strip() if found else platform.processor() or "unknown",
+        "Cores": f"{len(os.sched_getaffinity(0))} of {os.cpu_count() or 1}",
+        "Memory": f"{psutil.virtual_memory().total / 2**30:.1f} GiB",
+        "System": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "Python": f"{platform.python_implementation()} {platform.python_version()}",
+        **versions,
+        "Load before": f"{os.getloadavg()[0]:.2f}",
+    }
 
-    robots: int | None = None  # size of the team; None for the measurement's own
-    seconds: float | None = None
-    """How long to measure; None for the measurement's own. What it means in each case is said by
-    the measurement."""
-    world: str = "arena"  # name or folder of the world
-    seed: int = 0  # of the clients' behaviour
-    say: Callable[[str], None] = lambda _: None  # told what goes on while it takes its time
-    brief: bool = False
-    """Only to see whether something is badly wrong: of several sizes one is enough."""
-    only: tuple[str, ...] = ()  # names of the cases that a measurement is to take; none for all
 
-    def sizes(self, usual: Sequence[int], brief: int) -> tuple[int, ...]:
-        """Sizes of the teams to measure: the one asked for, else the measurement's usual ones, or
-        the one of them that is enough if it is to be brief."""
-        if self.robots is not None:
-            return (self.robots,)
-        return (brief,) if self.brief else tuple(usual)
+def as_text(report: Report) -> str:
+    """Plain text with aligned columns; of several sections the aims stand together once more."""
+    parts = [facts(report.facts.items())]
+    for section in report.sections:
+        setting = textwrap.fill(section.setting, _WIDTH)
+        if section.table is not None:
+            setting += f"\n{_columns((section.table.heads, *section.table.rows))}"
+        if section.figures:
+            setting += f"\n{_columns(rows(section))}"
+        told = setting if section.failure is None else f"FAILED: {section.failure}"
+        parts.append(f"{section.title}\n{told}")
+    if len(report.sections) > 1 and (found := aimed(report, [one.key for one in report.sections])):
+        parts.append(f"All aims\n{_columns(found)}")
+    return "\n\n".join([*parts, summary(report)])
+
+
+def as_json(report: Report) -> str:
+    """One JSON object; numbers that are not finite become null. Ends with a line feed."""
+    document = {
+        "taken": report.taken.isoformat(timespec="seconds"),
+        "machine": report.machine,
+        "sections": [
+            {**asdict(section), "figures": [_figure(figure) for figure in section.figures]}
+            for section in report.sections
+        ],
+        "missed": report.missed,
+    }
+    return json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _figure(figure: Figure) -> dict[str, object]:
+    value = figure.value if math.isfinite(figure.value) else None
+    aim = None if figure.aim is None else str(figure.aim)
+    return {"name": figure.name, "value": value, "unit": figure.unit, "aim": aim, "met": figure.met}
+
+
+def rows(section: Section) -> list[tuple[str, ...]]:
+    """Name, value, unit, aim and verdict of every figure, for people."""
+    return [
+        (f.name, f.text, f.unit, "" if f.aim is None else str(f.aim), _VERDICT[f.met])
+        for f in section.figures
+    ]
+
+
+def aimed(report: Report, heads: Sequence[str]) -> list[tuple[str, str, str, str]]:
+    """What has an aim, of all sections, which are called by their heads: what it is, value with
+    unit, aim, verdict."""
+    return [
+        (f"{head}: {f.name}", f"{f.text} {f.unit}".rstrip(), str(f.aim), _VERDICT[f.met])
+        for head, section in zip(heads, report.sections, strict=True)
+        for f in section.figures
+        if f.aim is not None
+    ]
+
+
+def summary(report: Report) -> str:
+    """How many aims were met."""
+    aims = sum(f.aim is not None for section in report.sections for f in section.figures)
+    met = f"{aims - report.missed} of {aims} aims met."
+    return met if aims else "No aims are set for these figures."
+
+
+def _columns(lines: Sequence[Sequence[str]]) -> str:
+    """Aligned columns, the second one (values) to the right."""
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    told = []
+    for line in lines:
+        cells = [cell.ljust(width) for cell, width in zip(line, widths, strict=True)]
+        cells[1] = line[1].rjust(widths[1])
+        told.append("  " + "  ".join(cells).rstrip())
+    return "\n".join(told)

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from usarsim_conformance.own_server import OwnServer, StartError, judge_classes, robot_classes
 from usarsim_conformance.own_server import as_table as as_class_table
+from usarsim_conformance.own_server import judge_classes, judged_server, robot_classes
 from usarsim_conformance.places import place_from
 from usarsim_conformance.registry import DIALECTS, Check, Failed, all_checks, select
 from usarsim_conformance.report import Report, as_json, from_json
@@ -142,10 +142,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _classes(text: str) -> list[str]:
     """Names between commas; every class of the server for `all`."""
     if text.lower() == "all":
-        try:
-            return robot_classes()
-        except StartError as error:
-            raise UsarsimError(str(error)) from None
+        return robot_classes()
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
@@ -168,7 +165,7 @@ def _judge_classes(
     options = ("--speed", arguments.speed)
     try:
         reports = judge_classes(classes, checks, target, options=options, name=name, tell=tell)
-    except (StartError, Failed) as error:
+    except Failed as error:
         raise UsarsimError(str(error)) from None
     print(as_class_table(reports))
     return 0 if all(report.conforms for report in reports.values()) else 1
@@ -197,13 +194,10 @@ def _ports(arguments: argparse.Namespace) -> Iterator[dict[str, int]]:
         named = {service: getattr(arguments, service) for service in _SIDE_PORTS}
         yield {"control": arguments.port, **{k: v for k, v in named.items() if v is not None}}
         return
-    try:
-        with OwnServer("--speed", arguments.speed) as server:
-            yield dict(server.ports)
-            if server.died:
-                raise UsarsimError(f"the server died while it was judged: {server.said}")
-    except StartError as error:
-        raise UsarsimError(str(error)) from None
+    with judged_server("--speed", arguments.speed) as server:
+        yield dict(server.ports)
+        if server.died:
+            raise UsarsimError(f"the server died while it was judged: {server.said}")
 
 
 def _compare(arguments: argparse.Namespace) -> int:

@@ -5,125 +5,55 @@ from __future__ import annotations
 
 import asyncio
 import os
-import re
-import signal
 import subprocess
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from usarsim_client.blocking import Closing
-from usarsim_conformance.registry import SERVICES, Check, Severity, Verdict
+from usarsim_conformance.registry import Check, Severity, Verdict
 from usarsim_conformance.report import Report
 from usarsim_conformance.reports import SIGNS
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.stage import FOLDER
 from usarsim_conformance.survey import Target
-from usarsim_server.base.children import python
+from usarsim_server.base.launch import LaunchError, OwnServer, python
 
-_USARSIM = python("-m", "usarsim_server.cli")
-_PORTS = ("", "image-", "groundtruth-", "wireless-", "comserver-", "truth-")
+_SIDE = ("image", "groundtruth", "wireless", "comserver", "truth")
 _MOST_ROBOTS = 32
-_PATIENCE = 10.0
-"""s to end after a signal."""
-_WORDS = 20_000
-"""Characters of the last words: the stacks of some dozen threads."""
 
 
-class StartError(RuntimeError):
-    """The server did not become ready; with what it said."""
+def judged_server(*options: str, folder: Path | None = None, waits: bool = True) -> OwnServer:
+    """Start a server with all services that can be judged.
 
+    Args:
+        options: further ones of `usarsim serve`.
+        folder: where another copy of the server lies, to be taken instead of this one.
+        waits: until it is ready.
 
-class OwnServer(Closing):
-    """`usarsim serve` on free ports; a context manager.
-
-    Attributes:
-        ports: of all services, by the names of `registry.SERVICES`.
+    Raises:
+        LaunchError: if it does not become ready; with what it said.
     """
-
-    def __init__(self, *options: str, folder: Path | None = None) -> None:
-        """Start it and wait until it is ready.
-
-        Args:
-            options: further ones of `usarsim serve`.
-            folder: where another copy of the server lies, to be taken instead of this one.
-
-        Raises:
-            StartError: if it does not become ready.
-        """
-        ports = [f"--{name}port=0" for name in _PORTS]
-        command = [*_USARSIM, "serve", "--world", str(FOLDER / "world")]
-        command += ["--robots", str(FOLDER / "robots")]
-        # On a busy machine robots that have left may be counted a little longer.
-        command += ["--max-robots", str(_MOST_ROBOTS)]
-        environment = {**os.environ, "PYTHONFAULTHANDLER": "1"}
-        if folder is not None:
-            environment["PYTHONPATH"] = str(folder)
-        self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115  (closed by `stop`)
-        self._process = subprocess.Popen(
-            [*command, *ports, *options],
-            stdout=subprocess.PIPE,
-            stderr=self._errors,
-            text=True,
-            cwd=folder,
-            env=environment,
-        )
-        assert self._process.stdout is not None
-        ready = self._process.stdout.readline()
-        found = {name: int(port) for name, port in re.findall(r"(\w+)=\S+:(\d+)", ready)}
-        self.ports = {name: found[name] for name in SERVICES if name in found}
-        if "control" not in self.ports:
-            self._process.kill()
-            self._process.wait()
-            raise StartError(f"the server did not start: {self.said}")
-
-    @property
-    def said(self) -> str:
-        """The end of what it wrote to standard error."""
-        self._errors.seek(0)
-        return self._errors.read()[-2000:].strip() or "it said nothing"
-
-    @property
-    def died(self) -> bool:
-        """Whether it has ended by itself."""
-        return self._process.poll() is not None
-
-    def last_words(self) -> str:
-        """End a server that hangs: the end of what it wrote, then where each thread stands."""
-        self._end(signal.SIGABRT)
-        self._errors.seek(0)
-        return self._errors.read()[-_WORDS:]
-
-    def stop(self) -> None:
-        """End it."""
-        self._end(signal.SIGTERM)
-        assert self._process.stdout is not None
-        self._process.stdout.close()
-        self._errors.close()
-
-    def close(self) -> None:
-        """See `stop`."""
-        self.stop()
-
-    def _end(self, how: signal.Signals) -> None:
-        self._process.send_signal(how)
-        try:
-            self._process.wait(_PATIENCE)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+    words = [f"--{name}-port=0" for name in _SIDE]
+    words += [f"--world={FOLDER / 'world'}", f"--robots={FOLDER / 'robots'}"]
+    # On a busy machine robots that have left may be counted a little longer.
+    words.append(f"--max-robots={_MOST_ROBOTS}")
+    more = {"PYTHONFAULTHANDLER": "1"}
+    if folder is not None:
+        more["PYTHONPATH"] = str(folder)
+    return OwnServer(*words, *options, folder=folder, more=more, waits=waits)
 
 
 def robot_classes() -> list[str]:
     """All classes that `usarsim robots` lists.
 
     Raises:
-        StartError: if it does not.
+        LaunchError: if it does not.
     """
-    listing = subprocess.run([*_USARSIM, "robots"], capture_output=True, text=True)
+    listing = subprocess.run(
+        python("-m", "usarsim_server", "robots"), capture_output=True, text=True
+    )
     if listing.returncode:
-        raise StartError(f"`usarsim robots` failed: {listing.stderr.strip()}")
+        raise LaunchError(f"`usarsim robots` failed: {listing.stderr.strip()}")
     return [line.split()[0] for line in listing.stdout.splitlines()[1:] if line.strip()]
 
 
@@ -147,20 +77,22 @@ def judge_classes(
         tell: what is told when a class has been judged.
 
     Raises:
-        StartError: if a server does not start, or dies.
+        LaunchError: if a server does not start, or dies.
         Failed: if one cannot be reached.
     """
 
     async def judge(robot: str) -> Report:
         async with slots:
-            server = await asyncio.to_thread(OwnServer, *options)
+            # It would end with another thread that had started it.
+            server = judged_server(*options, waits=False)
             try:
+                await asyncio.to_thread(server.wait)
                 asked = replace(target, ports=dict(server.ports), robot=robot)
                 report = await judge_all(asked, checks, name=f"{name} {robot}".strip())
                 if server.died:
-                    raise StartError(f"the server died while {robot} was judged: {server.said}")
+                    raise LaunchError(f"the server died while {robot} was judged: {server.said}")
             finally:
-                await asyncio.to_thread(server.stop)
+                await asyncio.to_thread(server.close)
         tell(robot, report)
         return report
 

@@ -34,8 +34,8 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from usarsim_server.base import errors
-from usarsim_server.base.children import python
 from usarsim_server.base.errors import UsarsimError, problem_and_advice
+from usarsim_server.base.launch import python
 from usarsim_server.protocol.json_text import parse_json
 from usarsim_server.settings import Settings
 

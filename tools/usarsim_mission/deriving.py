@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from pathlib import Path
 
-from usarsim_mission.handing_in import HandIn
+from usarsim_mission.hand_in import HandIn
 from usarsim_mission.referee import Referee
 from usarsim_mission.runlog import TRUTH, RunFolder
 from usarsim_mission.state import STATE, StateTable, thinned

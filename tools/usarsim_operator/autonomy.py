@@ -15,7 +15,8 @@ from usarsim_operator import policies
 from usarsim_operator.evasion import Powers
 from usarsim_operator.ground import Ground
 from usarsim_operator.navigation import Place
-from usarsim_operator.policies import Policy, View
+from usarsim_operator.policies import Policy
+from usarsim_operator.view import View
 
 if TYPE_CHECKING:
     from usarsim_operator.robot_link import Driven

@@ -5,12 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from itertools import repeat
-from typing import TYPE_CHECKING
 
 from usarsim_operator.navigation import UNKNOWN, WALL, Grid, Place
-
-if TYPE_CHECKING:
-    from usarsim_operator.policies import View
+from usarsim_operator.view import View
 
 Powers = tuple[float, float]
 """Of the left and the right wheels, -1 to 1."""

@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from usarsim_client import readings
 from usarsim_operator.evasion import Powers, evade
-from usarsim_operator.ground import Disc, Ground
+from usarsim_operator.ground import Disc
 from usarsim_operator.navigation import (
     FAR,
     WALL,
@@ -32,7 +31,8 @@ from usarsim_operator.navigation import (
     space,
     way,
 )
-from usarsim_operator.occupancy import CELL, OccupancyMap
+from usarsim_operator.occupancy import CELL
+from usarsim_operator.view import View
 
 GROUP = "usarsim.policies"
 RADIUS = 0.35
@@ -80,29 +80,6 @@ _IN_ITS_WAY = "somebody, or another robot, is in its way"
 _FREEING = (None, (-CRUISE, -CRUISE), (CRUISE, CRUISE))
 """What is tried in turn while it is stuck at one place: to back off in a curve, then straight, as
 wheels that hang over something low turn freely, then to get over it."""
-
-
-@dataclass(frozen=True, slots=True)
-class View:
-    """What a robot knows; the protocol's frame, y to the right.
-
-    Attributes:
-        time: simulated s. pose: x, y (m), yaw (rad, clockwise).
-        scan: its newest flat scan; None if it has none.
-        map: of all robots. goals: places that others go to, by robot.
-        ground: what all robots know beside the map. robot: its name.
-        lean: roll and pitch, rad. height: m.
-    """
-
-    time: float
-    pose: tuple[float, float, float]
-    scan: readings.LaserScan | None
-    map: OccupancyMap
-    goals: Mapping[str, Place]
-    ground: Ground = field(default_factory=Ground)
-    robot: str = ""
-    lean: tuple[float, float] = (0.0, 0.0)
-    height: float = 0.0
 
 
 class Policy(ABC):

@@ -13,8 +13,8 @@ from usarsim_record.proxy import Proxy
 from usarsim_record.recording import Link, RecordError, Writer
 from usarsim_server.base.addresses import bare_host, format_address
 from usarsim_server.base.errors import UsarsimError
+from usarsim_server.base.interrupts import calling
 from usarsim_server.base.private import private
-from usarsim_server.base.processes import calling
 from usarsim_server.cli.common import Subparsers, add_command
 
 _EPILOG = (

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from usarsim_server.base.processes import GRACE, calling
+from usarsim_server.base.interrupts import GRACE, calling
 
 PAGE = Path(__file__).parents[1] / "usarsim_operator" / "page"
 """Where the built pages are: the TypeScript of the console builds all of them."""

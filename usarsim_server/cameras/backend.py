@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.base.children import python
+from usarsim_server.base.launch import python
 from usarsim_server.base.logs import Log
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.view import Eye

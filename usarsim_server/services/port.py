@@ -25,8 +25,8 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from usarsim_server.base.errors import ServiceError
+from usarsim_server.base.interrupts import calling
 from usarsim_server.base.logs import Log
-from usarsim_server.base.processes import calling
 from usarsim_server.base.token_bucket import Clock
 from usarsim_server.services.limits import InputRates
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits

@@ -434,6 +434,25 @@ class Engine:
             world=self.world,
         )
 
+    def restart(self) -> None:
+        """Put the scene back to how it was when the world began, while time goes on.
+
+        What hangs or lies loose is put back, at rest; everything that goes by itself begins anew,
+        and what robots and things were told is forgotten.
+        """
+        model, parts = self.world.model, self.parts
+        for slot in self._active.values():
+            parts.release(slot, self.data)
+            parts.sleep.let_drive(slot, parts.drives(slot))
+        taken = {int(model.body_treeid[body]) for one in self.world.layouts for body in one.bodies}
+        for tree in range(model.ntree):
+            if tree not in taken:
+                self.put_away(tree)
+        parts.machines.restart(self.time)
+        parts.moving.restart(self.time)
+        parts.belts.restart()
+        self.data.qvel[self.data.qvel == 0.0] = WAKE  # what stood on a lift or at a door may sleep
+
     def _look(self) -> None:
         """Bring the poses of all bodies up to date."""
         self.parts.moving.apply(self.data, self.data.time)

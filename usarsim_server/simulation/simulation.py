@@ -36,7 +36,6 @@ from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.rays.cast import cast, cast_all, cast_scenery
 from usarsim_server.simulation.rays.query import PendingReport, RayFan, RayHits, SceneryHit
 from usarsim_server.simulation.rays.scenery import StaticGeometry
-from usarsim_server.simulation.restart import restart
 from usarsim_server.simulation.slots import SlotLimits, Slots, always, compiled
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 from usarsim_server.simulation.splice import FixedPart
@@ -151,8 +150,8 @@ class Simulation:
             self._mail.ask(lambda: self._stepper.go_until(before))
 
     def restart_scene(self) -> None:
-        """Put the scene back to how it was when the world began; see `restart.py`."""
-        self._mail.ask(lambda: restart(self._engine))
+        """Put the scene back to how it was when the world began."""
+        self._mail.ask(self._engine.restart)
 
     def set_speed(self, speed: float) -> None:
         """Go at another pace, simulated s per wall s.

@@ -18,11 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from planted.faults import Edit, Fault
-from usarsim_conformance.own_server import OwnServer, StartError
+from usarsim_conformance.own_server import judged_server
 from usarsim_conformance.registry import Failed, Result, Verdict, all_checks
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.survey import Target
-from usarsim_server.base.children import safe_pool
+from usarsim_server.base.launch import LaunchError, safe_pool
 
 _DATA = "usarsim_server/base/files.py"
 """Finds robots and worlds from where it lies, so it is copied and not linked."""
@@ -228,11 +228,11 @@ def _judge(edits: Sequence[Edit], bench: _Bench, ids: Sequence[str]) -> tuple[li
         try:
             if folder is not None:
                 edited_copy(edits, folder)
-            with OwnServer("--speed", "max", folder=folder) as server:
+            with judged_server("--speed", "max", folder=folder) as server:
                 target = Target(ports=dict(server.ports), robot=robot, dialect=dialect)
                 report = asyncio.run(judge_all(target, checks, hangs=_HANGS, gives_up=_GIVES_UP))
                 if server.died:
                     return [], f"the server died: {server.said}"
-        except (PlantError, StartError, Failed) as error:
+        except (PlantError, LaunchError, Failed) as error:
             return [], str(error)
     return list(report.results), ""

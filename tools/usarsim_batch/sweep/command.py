@@ -43,11 +43,10 @@ def run(arguments: argparse.Namespace) -> int:
     from usarsim_batch.carry_out import carry_out, engine_of
     from usarsim_batch.errors import BatchError
     from usarsim_batch.folder import RESULT, Folder, write
-    from usarsim_batch.sweep.comparing import compare
     from usarsim_batch.sweep.dry import estimate
     from usarsim_batch.sweep.plan import read_plan
     from usarsim_batch.sweep.playing import play
-    from usarsim_batch.sweep.table import RESULTS, results_csv, summary
+    from usarsim_batch.sweep.results import RESULTS, compare, results_csv, summary
 
     if arguments.what == "diff":
         if len(arguments.folders) != 2:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-import re
 import resource
 import shutil
 import sys
 import time
-from asyncio.subprocess import DEVNULL, PIPE, Process
 from collections.abc import Awaitable, Mapping
 from contextlib import AsyncExitStack, suppress
 from pathlib import Path
@@ -19,24 +17,15 @@ from usarsim_batch.sweep.plan import PLACE, SweepTask
 from usarsim_batch.tasks import Played, failed, provenance
 from usarsim_client.inbox import HangupError
 from usarsim_client.scene import LiveScene, connect_scene
-from usarsim_server.base.children import python
-from usarsim_server.base.errors import UsarsimError
 from usarsim_server.base.files import check_links, reason
+from usarsim_server.base.launch import LaunchError, OwnServer, Program
 from usarsim_server.protocol.json_text import parse_json
 
 RESULT = "result.json"
 """What a controller writes there into `{out}` becomes part of the results."""
 _LARGEST = 1 << 20
 """Bytes of it."""
-_PATIENCE = 120.0
-"""s until a server is ready."""
-_GRACE = 5.0
-"""s to end after SIGTERM."""
 HOST = "127.0.0.1"
-
-
-class _FailedError(UsarsimError):
-    """Why a run has failed."""
 
 
 def play(task: SweepTask) -> Played:
@@ -44,7 +33,7 @@ def play(task: SweepTask) -> Played:
     begun, spent = time.monotonic(), _spent()
     try:
         row = asyncio.run(_play(task))
-    except _FailedError as error:
+    except LaunchError as error:
         return failed(task, str(error))
     except OSError as error:
         return failed(task, f"{error.filename or task.out}: {reason(error)}")
@@ -58,7 +47,8 @@ async def _play(task: SweepTask) -> dict[str, Any]:
     files = task.out / "out"
     files.mkdir(parents=True)
     async with AsyncExitStack() as stack:
-        server, ports = await _serve(task, stack)
+        server = await _serve(task, stack)
+        ports = server.ports
         names = {
             **task.parameters, "host": HOST, "port": ports["control"], "seed": task.seed,
             "out": files, "python": sys.executable,
@@ -68,10 +58,10 @@ async def _play(task: SweepTask) -> dict[str, Any]:
         for number, words in enumerate(task.commands, 1):
             command = [_filled(word, {**names, "robot": f"R{number}"}) for word in words]
             log = task.out / f"controller-{number}.log"
-            programs.append(await _start(command, task.folder, log, stack))
-        ends: dict[str, Awaitable[object]] = {
-            "server": server.wait(),
-            "controllers": asyncio.gather(*(one.wait() for one in programs)),
+            programs.append(_start(command, task.folder, log, stack))
+        ends: dict[str, Awaitable[Any]] = {
+            "server": asyncio.wrap_future(server.ended),
+            "controllers": asyncio.gather(*(asyncio.wrap_future(one.ended) for one in programs)),
         }
         if task.end.simulated is not None:
             ends["simulated"] = _simulated(ports["scene"], task.end.simulated)
@@ -82,55 +72,34 @@ async def _play(task: SweepTask) -> dict[str, Any]:
         )
         over = {waits[one] for one in done}
         if "server" in over:
-            raise _FailedError(f"the server ended with code {server.returncode}")
-        codes = [one.returncode for one in programs]
+            raise LaunchError(f"the server ended with code {server.ended.result()}")
+        codes = [one.ended.result() if one.ended.done() else None for one in programs]
     for number, code in enumerate(codes, 1):
         if code is not None and code < 0:
-            raise _FailedError(f"controller {number} was ended by signal {-code}")
+            raise LaunchError(f"controller {number} was ended by signal {-code}")
     ended = next((one for one in ("controllers", "simulated") if one in over), "wall")
     return {"ended": ended, "exits": codes, **_written(files)}
 
 
-async def _serve(task: SweepTask, stack: AsyncExitStack) -> tuple[Process, dict[str, int]]:
-    """A server that is ready, and its ports by service."""
-    command = python("-m", "usarsim_server", "serve", f"--host={HOST}", *task.options, tied=True)
-    server = await _start(command, task.folder, task.out / "server.log", stack, PIPE)
-    assert server.stdout is not None
+async def _serve(task: SweepTask, stack: AsyncExitStack) -> OwnServer:
+    """A server that is ready; ended with the run."""
+    with (task.out / "server.log").open("wb") as log:
+        options = (f"--host={HOST}", *task.options)
+        server = OwnServer(*options, folder=task.folder, log=log, waits=False)
+    stack.push_async_callback(asyncio.to_thread, server.close)
     try:
-        ready = (await asyncio.wait_for(server.stdout.readline(), _PATIENCE)).decode()
-    except TimeoutError:
-        ready = ""
-    ports = {name: int(port) for name, port in re.findall(r"(\w+)=\S+:(\d+)", ready)}
-    if "control" not in ports:
-        raise _FailedError("the server did not start")
-    return server, ports
+        await asyncio.to_thread(server.wait)
+    except LaunchError:
+        raise LaunchError("the server did not start") from None  # its log says why
+    return server
 
 
-async def _start(
-    command: list[str], folder: Path, log: Path, stack: AsyncExitStack, output: int | None = None
-) -> Process:
-    """A program that is ended with the run; PIPE: its output is for us, its errors for the log."""
-    with log.open("wb") as file:
-        try:
-            program = await asyncio.create_subprocess_exec(
-                *command, cwd=folder, stdin=DEVNULL,
-                stdout=output or file, stderr=file,
-            )  # fmt: skip
-        except (OSError, ValueError) as error:
-            raise _FailedError(f"{command[0]}: cannot be started: {error}") from None
-    stack.push_async_callback(_end, program)
+def _start(command: list[str], folder: Path, file: Path, stack: AsyncExitStack) -> Program:
+    """A program that is ended with the run; what it says is in a file."""
+    with file.open("wb") as log:
+        program = Program(command[0], command, folder=folder, log=log, announces=False)
+    stack.push_async_callback(asyncio.to_thread, program.close)
     return program
-
-
-async def _end(program: Process) -> None:
-    with suppress(ProcessLookupError):
-        program.terminate()
-    try:
-        await asyncio.wait_for(program.wait(), _GRACE)
-    except TimeoutError:
-        with suppress(ProcessLookupError):
-            program.kill()
-        await program.wait()
 
 
 async def _forget(waits: list[asyncio.Future[Any]]) -> None:
@@ -156,7 +125,7 @@ def _filled(word: str, names: Mapping[str, object]) -> str:
 
 def _written(folder: Path) -> dict[str, Any]:
     """What controllers have left; none of it lies elsewhere."""
-    check_links(folder, _FailedError)
+    check_links(folder, LaunchError)
     files = {}
     for path in sorted(one for one in folder.rglob("*") if one.is_file()):
         with path.open("rb") as file:
@@ -168,7 +137,7 @@ def _written(folder: Path) -> dict[str, Any]:
         try:
             found["result"] = parse_json(path.read_bytes())
         except ValueError as error:
-            raise _FailedError(f"{path}: is no JSON: {error}") from None
+            raise LaunchError(f"{path}: is no JSON: {error}") from None
     return found
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.levels.rover import Place
 from usarsim_exploration.levels.server import ServerLevel
-from usarsim_exploration.levels.serving import OwnServer
+from usarsim_exploration.levels.serving import WorldServer
 from usarsim_exploration.scenario import Scenario
 from usarsim_server.base.addresses import bare_host
 from usarsim_server.base.errors import at
@@ -41,7 +41,7 @@ def open_level(scenario: Scenario, connect: str = "") -> ServerLevel:
 def _own(scenario: Scenario) -> Place:
     ranges = [one.radio_range for one in scenario.team if one.radio_range > 0.0]
     reach = min(ranges, default=1.0)  # who has none is silent
-    own = OwnServer(
+    own = WorldServer(
         scenario.world, scenario.radio, reach, scenario.basics.seed, scenario.physics.control
     )
     return Place(own.host, own.control, own.wireless, own)

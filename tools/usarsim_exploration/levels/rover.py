@@ -16,7 +16,7 @@ from usarsim_exploration.known_map import FELT, SAFE, WALL
 from usarsim_exploration.levels.controller import Controller
 from usarsim_exploration.levels.driver import Driver
 from usarsim_exploration.levels.laser import points
-from usarsim_exploration.levels.serving import OwnServer
+from usarsim_exploration.levels.serving import WorldServer
 from usarsim_exploration.levels.swerving import REACH, Swerve
 from usarsim_exploration.localisation import Disc, Evidence, Localiser, Pose, compose, relative
 from usarsim_exploration.localisation.poses import wrap
@@ -49,7 +49,7 @@ class Place:
     host: str = "127.0.0.1"
     control: int = 3000
     wireless: int = 50000
-    own: OwnServer | None = None
+    own: WorldServer | None = None
 
 
 class Reckoning:

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import re
 import resource
-import subprocess
 import tempfile
-import threading
-from collections import deque
 from pathlib import Path
 
 from usarsim_exploration.errors import ExplorationError
@@ -16,20 +12,15 @@ from usarsim_exploration.radio.families.path_loss import PathLoss
 from usarsim_exploration.radio.families.ranges import Circle, Sight
 from usarsim_exploration.worlds import World
 from usarsim_exploration.worlds.physics import write_world
-from usarsim_server.base.children import python
+from usarsim_server.base.launch import OwnServer
 from usarsim_server.base.toml import toml_text
 
 ROBOTS = Path(__file__).parent / "robots"
 """Folder with the robots of explorations, for `usarsim serve --robots`."""
-_OFF = ("image", "groundtruth", "truth", "comserver", "scene")
-_GRACE = 5.0
-"""s of wall time that a server has to end by itself."""
-_LAST = 5
-"""Lines of a server that are told when it has ended."""
 
 
-class OwnServer:
-    """A server in a process of its own, which ends with this one, however that ends.
+class WorldServer:
+    """A server with the world of a scenario.
 
     Attributes:
         host: its address. control, wireless: its ports.
@@ -45,7 +36,8 @@ class OwnServer:
             seed: of all noise. tick: simulated s.
 
         Raises:
-            ExplorationError: it does not start; or its wireless server has no such radio.
+            ExplorationError: its wireless server has no such radio.
+            LaunchError: it does not start.
         """
         self._folder = tempfile.TemporaryDirectory(prefix="usarsim-explore-")
         folder = Path(self._folder.name)
@@ -54,56 +46,22 @@ class OwnServer:
             write_world(world, folder / "world")
             settings = folder / "wireless.toml"
             settings.write_text(toml_text(wireless(radio, reach * world.environment.cell)))
-            words = [
+            self._server = OwnServer(
                 f"--world={folder / 'world'}", f"--wireless={settings}", f"--robots={ROBOTS}",
                 "--lockstep", f"--tick={tick}", f"--seed={seed}", "--max-robots=80",
-                "--port=0", "--wireless-port=0", *(f"--{one}-port=off" for one in _OFF),
-                "--lockstep-patience=0",
-            ]  # fmt: skip
-            self._process = subprocess.Popen(
-                python("-m", "usarsim_server", "serve", *words, tied=True),
-                stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                text=True, start_new_session=True,
+                "--wireless-port=0", "--lockstep-patience=0",
             )  # fmt: skip
         except BaseException:
             self._folder.cleanup()
             raise
-        self._said: deque[str] = deque(maxlen=_LAST)
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-        assert self._process.stdout is not None
-        found = dict(re.findall(r"(\w+)=\S+:(\d+)", self._process.stdout.readline()))
-        if "control" not in found or "wireless" not in found:
-            self.close()
-            raise ExplorationError(f"the server did not start: {self.last_words()}")
-        self.control, self.wireless = int(found["control"]), int(found["wireless"])
-
-    def _read(self) -> None:
-        assert self._process.stderr is not None
-        for line in self._process.stderr:
-            self._said.append(line.strip())
-
-    def last_words(self) -> str:
-        """What it said last, and its exit code if it has ended."""
-        code = self._process.poll()
-        ended = f"exit code {code}" if code is not None else "it still runs"
-        return "; ".join([ended, *self._said])
+        self.control, self.wireless = (self._server.ports[one] for one in ("control", "wireless"))
 
     def close(self) -> float:
         """End it; processor s that it has used."""
-        if self._process.returncode is None:
+        if not self._server.died:
             before = _children()
-            self._process.terminate()
-            try:
-                self._process.wait(_GRACE)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
+            self._server.end()
             self._used = _children() - before
-        self._reader.join(1.0)
-        for pipe in (self._process.stdout, self._process.stderr):
-            if pipe is not None:
-                pipe.close()
         self._folder.cleanup()
         return self._used
 

@@ -15,7 +15,7 @@ from usarsim_exploration.showing.tape import Tape
 from usarsim_report.films import KINDS, Frame, write_film
 from usarsim_server.base.errors import UsarsimError, at
 from usarsim_server.base.files import reason, write_bytes
-from usarsim_server.base.processes import calling
+from usarsim_server.base.interrupts import calling
 
 PICTURE = ".png"
 FPS = 20.0

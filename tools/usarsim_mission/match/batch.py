@@ -26,9 +26,9 @@ from usarsim_mission.match.report import REPORT, write_report
 from usarsim_mission.plan import Plan
 from usarsim_mission.rescoring import live_result
 from usarsim_mission.runlog import EVENTS, SCORE
-from usarsim_server.base.children import python
 from usarsim_server.base.errors import UsarsimError, at
 from usarsim_server.base.files import reason
+from usarsim_server.base.launch import python
 
 GRACE = 120.0
 """s of wall time in which an interrupted run writes its score."""

@@ -18,8 +18,8 @@ from usarsim_client import ProtocolError
 from usarsim_client.scene import LiveScene, TruthRow, connect_scene
 from usarsim_mission.errors import MissionError
 from usarsim_mission.grid import Grid
+from usarsim_mission.hand_in import refuse_old_hand_in, take_handed_in
 from usarsim_mission.live import LiveRun
-from usarsim_mission.match import handed_in
 from usarsim_mission.match.conditions import Conditions as Conditions  # for who imports Trial
 from usarsim_mission.match.injects import Injects, inject_of
 from usarsim_mission.match.scribe import Scribe
@@ -90,7 +90,7 @@ class Trial:
         """
         staged, folder = self._staged, self._conditions.folder
         if (left := self._team.hand_in_folder(folder)) is not None:
-            handed_in.refuse_old(left)
+            refuse_old_hand_in(left)
         mission = replace(staged.referee_mission(), operators=self._operators())
         world = staged.referee_world()
         referee = Referee(mission, staged.rules, world)
@@ -118,7 +118,7 @@ class Trial:
         if (left := self._team.hand_in_folder(folder)) is None:
             return
         try:
-            for kind, facts in handed_in.take(left, folder, self._team.hand_in_frame):
+            for kind, facts in take_handed_in(left, folder, self._team.hand_in_frame):
                 self._tell(kind, **facts)
         except MissionError as error:
             self._tell("error", text=str(error))

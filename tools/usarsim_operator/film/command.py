@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from usarsim_server.base.errors import UsarsimError
-from usarsim_server.base.processes import calling
+from usarsim_server.base.interrupts import calling
 from usarsim_server.cli.common import Subparsers, add_command
 
 if TYPE_CHECKING:

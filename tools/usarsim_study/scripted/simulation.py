@@ -28,7 +28,7 @@ from usarsim_report.statistics import (
     several_unpaired,
     signed_rank,
 )
-from usarsim_server.base.children import safe_pool
+from usarsim_server.base.launch import safe_pool
 from usarsim_study.assignment import Cell, Order
 from usarsim_study.forms import FormState
 from usarsim_study.layouts import mission_file

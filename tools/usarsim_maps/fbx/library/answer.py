@@ -26,8 +26,8 @@ from usarsim_maps.meshes.polygons import MAX_TRIANGLES, check_count
 from usarsim_maps.reader import PACKAGES, need
 from usarsim_maps.scene import Array, Integers
 from usarsim_maps.units import affine
-from usarsim_server.base.children import python
 from usarsim_server.base.errors import MapImportError, at
+from usarsim_server.base.launch import python
 from usarsim_server.protocol.json_text import parse_json
 
 MAX_BYTES = 512 << 20

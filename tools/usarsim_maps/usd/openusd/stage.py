@@ -17,9 +17,9 @@ from usarsim_maps.files import MAX_BYTES, check_size, opened, read_bytes, read_h
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import Context
 from usarsim_maps.usd.schemas import STAGES
-from usarsim_server.base.children import python
 from usarsim_server.base.errors import MapImportError, at
 from usarsim_server.base.files import ALLOW, is_regular
+from usarsim_server.base.launch import python
 from usarsim_server.protocol.json_text import parse_json
 
 BINARY = b"PXR-USDC"

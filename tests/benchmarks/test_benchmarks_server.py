@@ -11,8 +11,8 @@ from collections.abc import Iterator
 import psutil
 import pytest
 
-from usarsim_bench.figures import describe_machine
-from usarsim_bench.server import BenchError, Usage, busy_seconds, load_between, usage
+from benchmarks.server import Usage, busy_seconds, load_between, usage
+from usarsim_bench.figures import BenchError
 
 
 def look(wall: float, cpu: float, own: float, busy: float) -> Usage:
@@ -108,20 +108,3 @@ class TestLoad:
         """No time, no load."""
         with pytest.raises(ValueError, match="two moments"):
             load_between(look(1.0, 0.0, 0.0, 0.0), look(1.0, 1.0, 0.0, 0.0))
-
-
-class TestMachine:
-    def test_says_what_figures_depend_on(self) -> None:
-        """Processor, cores, Python and the versions of all that computes are named."""
-        machine = describe_machine("1.2.3")
-        facts = dict(machine.facts())
-        assert facts["usarsim-server"] == "1.2.3"
-        assert facts["mujoco"][0].isdigit()
-        assert facts["Processor"]
-        assert 1 <= machine.usable_cores <= machine.cores
-        assert machine.memory == psutil.virtual_memory().total
-
-    def test_names_what_is_not_installed(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """A missing package is told as none, not an error."""
-        monkeypatch.setattr("usarsim_bench.figures._PACKAGES", ("no-such-package-at-all",))
-        assert describe_machine("0").packages["no-such-package-at-all"] == "none"

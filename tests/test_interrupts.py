@@ -10,22 +10,22 @@ import threading
 
 import pytest
 
-from usarsim_server.base import processes
+from usarsim_server.base import interrupts
 
 PROGRAM = """
 import sys, threading, time
-from usarsim_server.base import processes
+from usarsim_server.base import interrupts
 
 def raised_inside():
     try:
-        processes.begin()
+        interrupts.begin()
         say()
         time.sleep(60)
     finally:
         print("tidied", flush=True)
 
 def never_ends():
-    processes.begin()
+    interrupts.begin()
     try:
         say()
         time.sleep(60)
@@ -33,7 +33,7 @@ def never_ends():
         threading.Event().wait()
 
 def swallowed():
-    processes.begin()
+    interrupts.begin()
     class Odd:
         def __del__(self):
             say()
@@ -43,7 +43,7 @@ def swallowed():
     time.sleep(60)
 
 def called():
-    with processes.calling(lambda: print("called", flush=True)):
+    with interrupts.calling(lambda: print("called", flush=True)):
         say()
         time.sleep(0.5)
         time.sleep(0.5)
@@ -56,14 +56,14 @@ def early():
 def say():
     print("now", flush=True)
 
-processes.arm(ordinary=False)
+interrupts.arm(ordinary=False)
 code = 1
 try:
     code = globals()[sys.argv[1]]()
 except BaseException:
-    if not processes.interrupted():
+    if not interrupts.interrupted():
         raise
-sys.exit(processes.finish(code))
+sys.exit(interrupts.finish(code))
 """
 
 
@@ -102,12 +102,12 @@ def test_handlers_are_given_back() -> None:
     came: list[int] = []
     before = signal.signal(signal.SIGTERM, lambda number, frame: came.append(number))
     try:
-        with processes.calling(lambda: came.append(0)):
+        with interrupts.calling(lambda: came.append(0)):
             os.kill(os.getpid(), signal.SIGTERM)
         os.kill(os.getpid(), signal.SIGTERM)
     finally:
         signal.signal(signal.SIGTERM, before)
-        processes._state.first = None
+        interrupts._state.first = None
     assert came == [0, signal.SIGTERM]
 
 
@@ -116,7 +116,7 @@ def test_other_threads_get_no_signals() -> None:
     found: list[object] = []
 
     def look() -> None:
-        with processes.calling(lambda: None):
+        with interrupts.calling(lambda: None):
             found.append(signal.getsignal(signal.SIGINT))
 
     before = signal.getsignal(signal.SIGINT)
