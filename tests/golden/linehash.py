@@ -38,6 +38,9 @@ from usarsim_server.protocol.json_text import parse_json
 
 PACKAGES = ("mujoco", "numpy", "embreex")
 _STORE = Path(__file__).with_name("line_hashes.json")
+READABLE = ("AirRobot", "BasicAckermanRobot")
+"""Classes whose lines are stored as text, too, so that a change of them can be read."""
+LINES = Path(__file__).with_name("lines")
 _SHOWN = 160
 """Characters of a line that are shown around the first difference."""
 
@@ -145,10 +148,20 @@ def _around(line: bytes | None, other: bytes | None) -> str:
     return f"{mark}{line[begin : begin + _SHOWN].decode('latin-1')!r} (character {at + 1})"
 
 
-def hashes(names: Sequence[str]) -> dict[str, str]:
-    """Play some classes or sessions; returns their hashes by name."""
+def changes(names: Sequence[str], stored: Mapping[str, str]) -> list[str]:
+    """Play some classes or sessions; what has changed: names, or the first line where it is stored.
+
+    Args:
+        stored: hashes by name.
+    """
+    found = []
     with grounds() as place:
-        return {name: digest(play(name, place)) for name in names}
+        for name in names:
+            lines = play(name, place)
+            shown = difference(LINES, name, lines) if name in READABLE else ""
+            if shown or digest(lines) != stored[name]:
+                found.append(shown or name)
+    return found
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -174,7 +187,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--against", type=Path, metavar="DIR", help="show the first line other than in this dump"
     )
-    parser.add_argument("--write", action="store_true", help="store the hashes")
+    parser.add_argument("--write", action="store_true", help="store the hashes, and lines as text")
     parser.add_argument("--stored", type=Path, metavar="FILE", help=f"default: {_STORE}")
     return parser
 
@@ -197,6 +210,8 @@ def _run(wishes: argparse.Namespace) -> int:
             print(f"{name:24} {found[name]}", flush=True)
             if wishes.dump is not None:
                 dump(wishes.dump, name, lines)
+            if wishes.write and name in READABLE and wishes.stored is None:
+                dump(LINES, name, lines)
             if wishes.against is not None and (report := difference(wishes.against, name, lines)):
                 reports.append(report)
     print(f"{len(found)} hashes in {time.process_time() - begun:.1f} s of processor")

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from linehash import Stored, catalog, difference, digest, dump, hashes, main
+from linehash import Stored, catalog, changes, difference, digest, dump, main
 
 STORED = Path(__file__).with_name("line_hashes.json")
 QUICK = "MultiView"
@@ -24,12 +24,11 @@ def check(names: Sequence[str]) -> None:
     stored = Stored.read(STORED)
     if strange := stored.strangeness():
         pytest.skip(f"numbers may differ in the last bit: {strange}")
-    found = hashes(names)
-    differing = [name for name, value in found.items() if value != stored.hashes[name]]
+    differing = "\n".join(changes(names, stored.hashes))
     assert not differing, (
-        f"the lines of {', '.join(differing)} have changed; to see where, dump them before and "
-        "after: python tests/golden/linehash.py --dump DIR, then --against DIR; if they "
-        "should have changed, store them by --write"
+        f"these lines have changed:\n{differing}\nTo see where, dump them before and after: python "
+        "tests/golden/linehash.py --dump DIR, then --against DIR; if they should have changed, "
+        "store them by --write"
     )
 
 
