@@ -20,7 +20,7 @@ from usarsim_server.robots.description import (
     RobotReport,
     Shape,
 )
-from usarsim_server.robots.families.machines import Platform
+from usarsim_server.robots.families.static import Platform
 from usarsim_server.simulation.articulation import HandState, JointOrder
 from usarsim_server.simulation.frames import Pose, Vector, pose_from_wire
 from usarsim_server.simulation.snapshot import RobotBody, RobotLayout, Snapshot

@@ -18,7 +18,7 @@ from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_robot
-from usarsim_server.robots.families.machines import FASTEST, Aerial
+from usarsim_server.robots.families.aerial import FASTEST, Aerial
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.simulation.frames import rpy_from_quaternion
 from usarsim_server.simulation.snapshot import RobotBody

@@ -12,7 +12,7 @@ from robot_files import write
 from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_robot
-from usarsim_server.robots.families.machines import Legged
+from usarsim_server.robots.families.legged import Legged
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.simulation.snapshot import RobotBody

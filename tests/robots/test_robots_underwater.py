@@ -19,7 +19,7 @@ from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.machines import Underwater
+from usarsim_server.robots.families.underwater import Underwater
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.simulation.frames import rpy_from_quaternion
 from usarsim_server.testing import Rehearsal

@@ -28,7 +28,7 @@ from sensor_fakes import (
 )
 
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.sensors.pose import constellation, fix_deviation, sky_directions
+from usarsim_server.sensors.gps import constellation, fix_deviation, sky_directions
 from usarsim_server.sensors.report import conf_line, sen_lines
 from usarsim_server.simulation.frames import quaternion_from_rpy
 from usarsim_server.simulation.rays.query import RayHits

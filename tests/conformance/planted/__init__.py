@@ -10,7 +10,7 @@ the checks that the fault names, with a robot of the class that it names. It is 
 these checks fails, and says which field is wrong. The same checks have to pass at the server as it
 is. A fault is written in a file `*.diff` of this folder, and nowhere else:
 
-    --- usarsim_server/sensors/pose.py
+    --- usarsim_server/sensors/gps.py
 
     @@ sensors.gps.north-halved @@ robot=P3AT dialect=udk
      control.values.gps-moves: Latitude

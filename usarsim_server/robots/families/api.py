@@ -28,11 +28,11 @@ from usarsim_server.robots.description import ActuatorDescription, RobotDescript
 from usarsim_server.robots.families.base import (
     DriveController,
     Family,
+    MachineFamily,
     StatusFacts,
     balance_weight,
     register_family,
 )
-from usarsim_server.robots.families.machines import MachineFamily
 from usarsim_server.robots.families.wheeled import WheelController, WheeledFamily
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.motion_laws import Law, LawModel

@@ -21,6 +21,7 @@ import usarsim_server.robots.families as package
 from usarsim_server.base.logs import Log
 from usarsim_server.base.plugins import PluginTypes
 from usarsim_server.base.tables import Table
+from usarsim_server.protocol import messages
 from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.messages import VehicleStatus
 from usarsim_server.protocol.requests import Drive
@@ -190,6 +191,23 @@ class Family(ABC):
     def laws(self, robot: RobotDescription) -> tuple[LawModel, ...]:
         """What moves the body before every physics step, beside wheels and joints."""
         return ()
+
+
+class MachineFamily(Family):
+    """A family without wheels that is not fixed either.
+
+    Attributes:
+        wire_type: Type of its CONF and GEO.
+    """
+
+    wheeled: ClassVar[bool] = False
+    wire_type: ClassVar[str]
+
+    def geometry(self, robot: RobotDescription, dialect: Dialect) -> str:
+        report = robot.report
+        return messages.machine_geometry(
+            dialect, self.wire_type, robot.name, report.dimensions, report.center_of_gravity
+        )
 
 
 def within(what: str, value: float, low: float, high: float) -> float:
