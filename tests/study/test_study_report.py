@@ -100,6 +100,29 @@ class TestContents:
         ):
             assert word in text, word
 
+    def test_numbers_have_their_units(self, planted: Path) -> None:
+        """In the tables of the primary and of secondary outcomes, of tests and of order."""
+        text = (planted / "report.md").read_text()
+        assert "| Victims found [victims] | n | Mean" in text
+        assert "| Display to mark [s], Keyboard |" in text
+        assert text.count("| Distance [m] |") == 2
+
+    def test_nothing_empty_is_drawn(self, planted: Path, tmp_path: Path) -> None:
+        """Before anybody came to the end there are neither pictures nor tables of numbers; a
+        secondary outcome without values is named instead of an empty picture."""
+        found = tables.read(planted / "data")
+        nobody = replace(found, participants=())
+        text = report.Sections(analyse(nobody)).html()
+        assert "Nobody has taken part to the end" in text
+        assert "<svg" not in text
+        assert 'class="numbers"' not in text
+        trials = [replace(one, values={**one.values, "distance": None}) for one in found.trials]
+        page = report.Sections(analyse(replace(found, trials=tuple(trials))))
+        assert "Without any value, and in no picture: Distance." in page.markdown()
+        secondary = page.html().partition("Secondary outcomes</h2>")[2].partition("</figure>")[0]
+        assert "Switches" in secondary
+        assert "Distance</text>" not in secondary
+
     def test_numbers_are_those_of_the_analysis(self, planted: Path, analysis: Analysis) -> None:
         """Mean and interval of the primary difference, as printed."""
         result = analysis.outcomes[0].comparisons[0].result

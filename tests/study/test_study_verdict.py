@@ -91,7 +91,7 @@ def with_values(
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([one.name for one in tables.TABLES["participants"]])
         for place, one in enumerate(people, start=1):
-            writer.writerow([one, place, 1, "2026-01-01", "complete", ""])
+            writer.writerow([one, place, 1, "2026-01-01", "complete", "", 0])
     with (folder / "trials.csv").open("w", encoding="utf-8", newline="") as file:
         sheet = csv.DictWriter(file, heads, lineterminator="\n")
         sheet.writeheader()
@@ -104,6 +104,7 @@ def with_values(
                     "condition": name,
                     "layout": "A",
                     "status": "complete",
+                    "inferred_stops": 0,
                     measure: "" if value is None else repr(value),
                 }
             )

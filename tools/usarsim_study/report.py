@@ -27,6 +27,7 @@ from usarsim_server.base.files import write_text
 from usarsim_study import plots
 from usarsim_study.analysis import Analysis, Comparison, OrderEffect, Outcome, analyse
 from usarsim_study.dataset import Dataset
+from usarsim_study.measures import Measure
 from usarsim_study.misread import CURE
 
 
@@ -58,8 +59,9 @@ class Sections(Page):
         _logs(self, analysis)
         _words(self, analysis)
         _people(self, analysis)
-        _primary(self, analysis)
-        _secondary(self, analysis)
+        if any(_known(one) for one in analysis.outcomes):
+            _primary(self, analysis)
+            _secondary(self, analysis)
         _orders(self, analysis)
         _preferences(self, analysis)
         _described(self, analysis)
@@ -108,6 +110,9 @@ def _glance(page: Page, analysis: Analysis) -> None:
     """The result in words."""
     outcome = analysis.outcomes[0]
     title = outcome.measure.title
+    if not analysis.counted:
+        page.paragraph("Nobody has taken part to the end: there is nothing to tell yet.", "lead")
+        return
     if outcome.p is None:
         page.paragraph(f"{title}: there are too few values to compare.", "lead")
         return
@@ -289,6 +294,8 @@ def _people(page: Page, analysis: Analysis) -> None:
                 for one in analysis.lost
             ],
         )
+    if not analysis.counted:
+        return
     rows = [
         [outcome.measure.title] + [f"{len(cell.known)} ({cell.missing})" for cell in outcome.cells]
         for outcome in (*analysis.outcomes, *_with_gaps(analysis))
@@ -310,6 +317,16 @@ def _with_gaps(analysis: Analysis) -> list[Outcome]:
     ]
 
 
+def _known(outcome: Outcome) -> bool:
+    """Whether anybody has a value."""
+    return any(cell.known for cell in outcome.cells)
+
+
+def _named(measure: Measure) -> str:
+    """A measure with its unit, for tables of numbers."""
+    return measure.title if measure.unit == "1" else f"{measure.title} [{measure.unit}]"
+
+
 def _title(analysis: Analysis, condition: str) -> str:
     return dict(analysis.conditions).get(condition, condition)
 
@@ -320,21 +337,20 @@ def _primary(page: Page, analysis: Analysis) -> None:
     page.paragraph(outcome.measure.definition, "note")
     within = analysis.design == "within"
     joined = "; lines join the trials of one participant" if within else ""
-    page.picture(
-        plots.primary(outcome, within),
-        f"Every participant{joined}. Diamonds: means with 95 % intervals.",
-    )
-    page.table(
-        _SUMMARY, [_summary_row(cell.title, cell.summary) for cell in outcome.cells], "numbers"
-    )
+    if _known(outcome):
+        page.picture(
+            plots.primary(outcome, within),
+            f"Every participant{joined}. Diamonds: means with 95 % intervals.",
+        )
+    heads = (_named(outcome.measure), *_SUMMARY[1:])
+    page.table(heads, [_summary_row(cell.title, cell.summary) for cell in outcome.cells], "numbers")
     if outcome.overall is not None:
         one = outcome.overall
         page.paragraph(
             f"{one.test}: {number(one.statistic)} with {one.freedom} degrees of freedom, "
             f"{p_told(one.p, analysis.alpha)}, effect {number(one.effect)}."
         )
-    heads, rows = _test_table([outcome], analysis.alpha)
-    page.table(heads, rows, "numbers")
+    _tests(page, [outcome], analysis.alpha)
 
 
 _SUMMARY = ("", "n", "Mean", "95 % interval", "Median", "Quartiles", "SD")
@@ -351,6 +367,13 @@ def _summary_row(title: str, one: Summary | None) -> list[str]:
     ]
 
 
+def _tests(page: Page, outcomes: Sequence[Outcome], alpha: float) -> None:
+    """The table of all tests, if any could be made."""
+    heads, rows = _test_table(outcomes, alpha)
+    if rows:
+        page.table(heads, rows, "numbers")
+
+
 def _test_table(outcomes: Sequence[Outcome], alpha: float) -> tuple[list[str], list[list[str]]]:
     """All tests of all comparisons."""
     rows = []
@@ -358,7 +381,7 @@ def _test_table(outcomes: Sequence[Outcome], alpha: float) -> tuple[list[str], l
     for outcome in outcomes:
         for one in outcome.comparisons:
             result = one.result
-            name = outcome.measure.title
+            name = _named(outcome.measure)
             if len(outcome.cells) > 2:
                 first, second = (_cell_title(outcome, at) for at in (one.first, one.second))
                 name += f": {second} minus {first}"
@@ -387,7 +410,11 @@ def _secondary(page: Page, analysis: Analysis) -> None:
         return
     page.heading("Secondary outcomes")
     within = analysis.design == "within"
-    page.picture(plots.secondary(outcomes, within), "Every participant, as above.")
+    known = [one for one in outcomes if _known(one)]
+    if unknown := [one.measure.title for one in outcomes if not _known(one)]:
+        page.paragraph(f"Without any value, and in no picture: {', '.join(unknown)}.", "note")
+    if known:
+        page.picture(plots.secondary(known, within), "Every participant, as above.")
     if len(analysis.conditions) == 2:
         page.picture(
             plots.forest(analysis.outcomes),
@@ -396,7 +423,7 @@ def _secondary(page: Page, analysis: Analysis) -> None:
     rows = []
     for outcome in outcomes:
         for cell in outcome.cells:
-            rows.append(_summary_row(f"{outcome.measure.title}, {cell.title}", cell.summary))
+            rows.append(_summary_row(f"{_named(outcome.measure)}, {cell.title}", cell.summary))
     page.table(_SUMMARY, rows, "numbers")
     if len(analysis.conditions) > 2:
         page.table(
@@ -414,8 +441,7 @@ def _secondary(page: Page, analysis: Analysis) -> None:
             ],
             "numbers",
         )
-    heads, tests = _test_table(outcomes, analysis.alpha)
-    page.table(heads, tests, "numbers")
+    _tests(page, outcomes, analysis.alpha)
     for outcome in outcomes:
         for one in outcome.comparisons:
             if rejects(_judged(one), analysis.alpha):
@@ -459,7 +485,7 @@ def _balance(analysis: Analysis, effect: OrderEffect) -> str:
 
 def _order_row(one: OrderEffect, two: bool, alpha: float) -> list[str]:
     means = [NONE if at is None else number(at.mean) for at in one.positions]
-    row = [one.measure.title, *means, p_value(one.period_p, alpha)]
+    row = [_named(one.measure), *means, p_value(one.period_p, alpha)]
     return [*row, p_value(one.carry_p, alpha)] if two else row
 
 

@@ -191,7 +191,8 @@ def _rows(folder: Path, table: str) -> list[dict[str, Cellular]]:
     found = read_csv(path, StudyError, cure)
     there = [one for one in TABLES[table] if one.earlier is None or one.name in found.heads]
     columns = {one.name: one.type for one in there}
-    lacking = {one.name: one for one in TABLES[table] if one.name not in columns}
+    earlier = {one.name: one.earlier or "" for one in TABLES[table]}
+    lacking = {one.name: one.type for one in TABLES[table] if one.name not in columns}
     if list(found.heads) != list(columns):
         raise StudyError(at(path, f"has other columns than {DICTIONARY} says", "export it again"))
     readers: dict[Type, Callable[[str], Cellular]] = {
@@ -204,11 +205,11 @@ def _rows(folder: Path, table: str) -> list[dict[str, Cellular]]:
         rows.append(row := dict[str, Cellular]())
         for name, kind in columns.items():
             try:
-                row[name] = readers[kind](cells[name])
+                row[name] = readers[kind](cells[name] or earlier[name])
             except ValueError:
                 problem, where = f"{cells[name]!r} is no {kind}", f"line {line}: {name}"
                 raise StudyError(at(path, problem, cure, where=where)) from None
-        row.update({name: readers[one.type](one.earlier or "") for name, one in lacking.items()})
+        row.update({name: readers[kind](earlier[name]) for name, kind in lacking.items()})
     return rows
 
 
