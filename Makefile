@@ -10,7 +10,7 @@ SECONDS ?= 60
 # Servers and tests start Python hundreds of times: no use in compiling all modules each time.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: console run test test-all planted fuzz lint format types bench fidelity worlds missions page package clean help
+.PHONY: console run test test-all planted fuzz mutate lint format types bench fidelity worlds missions page package clean help
 
 help:            ## show this list
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
@@ -33,6 +33,9 @@ planted: $(VENV)/ready-dev ## plant faults in copies of the server: does the kit
 
 fuzz: $(VENV)/ready-fuzz  ## look for bytes that no reader can stand (SECONDS=60 for each)
 	$(BIN)/python tests/fuzz/run.py --seconds $(SECONDS) $(ARGS)
+
+mutate: $(VENV)/ready-mutate ## change ten kernels in small ways: do their tests notice? (an hour; goes on where it was)
+	$(BIN)/python tests/mutate.py $(ARGS)
 
 lint: $(VENV)/ready-dev   ## check style and types
 	$(BIN)/ruff check .
@@ -88,4 +91,8 @@ $(VENV)/ready-dev: pyproject.toml | $(VENV)/pip
 
 $(VENV)/ready-fuzz: $(VENV)/ready-dev
 	$(BIN)/python -m pip install --quiet --group fuzz
+	@touch $@
+
+$(VENV)/ready-mutate: $(VENV)/ready-dev
+	$(BIN)/python -m pip install --quiet --group mutate
 	@touch $@

@@ -1,0 +1,235 @@
+"""Change the code of ten kernels in many small ways, and count the changes that their tests notice.
+
+`make mutate` draws up to 100 mutants of each kernel and has them judged two at a time, each in a
+copy of the checkout and by the tests of its kernel alone. It can be interrupted, and goes on where
+it was; results are kept in `mutants/`. The exit status is 1 if a kernel's tests notice less than
+85 % of the mutants that `survivors.toml` does not explain.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import os
+import random
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+TOP = Path(__file__).resolve().parents[1]
+OUT = TOP / "mutants"
+EXPLAINED = Path(__file__).with_name("survivors.toml")
+MOST = 100
+"""Mutants of a kernel."""
+LEAST = 0.85
+"""Part of them that its tests have to notice."""
+PATIENCE = 10.0
+"""A mutant is ended after so many times what the tests take without one: it runs for ever."""
+AT_ONCE = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Kernel:
+    """Code that much rests on, and the tests that judge it; paths from the top of the checkout."""
+
+    code: str
+    tests: tuple[str, ...]
+
+
+KERNELS = {
+    "grammar": Kernel(
+        "usarsim_server/protocol/grammar.py",
+        ("tests/protocol/test_protocol_grammar.py", "tests/protocol/test_protocol_fuzz.py"),
+    ),
+    "framing": Kernel(
+        "usarsim_server/protocol/wireless.py", ("tests/protocol/test_protocol_wireless.py",)
+    ),
+    "arbiter": Kernel(
+        "tools/usarsim_operator/arbiter.py", ("tests/operator/test_operator_rules.py",)
+    ),
+    "referee": Kernel(
+        "tools/usarsim_mission/referee.py",
+        (
+            "tests/mission/test_mission_scoring.py",
+            "tests/mission/test_mission_credit.py",
+            "tests/mission/test_mission_zones.py",
+            "tests/mission/test_mission_fuzz.py",
+        ),
+    ),
+    "scoring": Kernel(
+        "tools/usarsim_mission/scoring.py",
+        ("tests/mission/test_mission_scoring.py", "tests/mission/test_mission_credit.py"),
+    ),
+    "statistics": Kernel(
+        "tools/usarsim_report/statistics.py",
+        ("tests/study/test_study_statistics.py", "tests/study/test_study_verdict.py"),
+    ),
+    "exchange": Kernel(
+        "tools/usarsim_exploration/exchange.py",
+        ("tests/exploration/test_exploration_exchange.py",),
+    ),
+    "sensor": Kernel(
+        "usarsim_server/sensors/sonar.py",
+        ("tests/sensors/test_sensors_ranges.py", "tests/sensors/test_sensors_in_physics.py"),
+    ),
+    "radio": Kernel("usarsim_server/radio/models.py", ("tests/radio",)),
+    "planning": Kernel(
+        "tools/usarsim_operator/navigation.py", ("tests/operator/test_operator_policies.py",)
+    ),
+}
+
+
+def lines_that_count(text: str) -> set[int]:
+    """Numbers of the lines on which a change could change what a program does: not those of types,
+    decorators, imports and docstrings."""
+    tree = ast.parse(text)
+    idle: set[int] = set()
+
+    def leave_out(node: ast.AST | None) -> None:
+        if isinstance(node, ast.expr | ast.stmt):
+            idle.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+
+    for node in ast.walk(tree):
+        match node:
+            case ast.FunctionDef() | ast.AsyncFunctionDef():
+                for part in (*node.decorator_list, node.returns):
+                    leave_out(part)
+                for one in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs):
+                    leave_out(one.annotation)
+            case ast.ClassDef():
+                for part in node.decorator_list:
+                    leave_out(part)
+            case ast.AnnAssign(value=None) | ast.Import() | ast.ImportFrom():
+                leave_out(node)
+            case ast.Expr(value=ast.Constant(value=str())):
+                leave_out(node)
+    return set(range(1, text.count("\n") + 2)) - idle
+
+
+def tree_of(number: int) -> Path:
+    """A fresh copy of the checkout in which one worker changes code."""
+    tree = OUT / f"tree{number}"
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=TOP,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    shutil.rmtree(tree, ignore_errors=True)
+    for name in filter(None, listed.split("\0")):
+        if (TOP / name).is_file():
+            (tree / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(TOP / name, tree / name)
+    return tree
+
+
+def judge(name: str, tree: Path) -> None:
+    """Judge the mutants of a kernel that have not been judged, in a copy of the checkout."""
+    from cosmic_ray.commands import init
+    from cosmic_ray.mutating import mutate_and_test
+    from cosmic_ray.work_db import WorkDB, use_db
+    from cosmic_ray.work_item import WorkerOutcome, WorkResult
+
+    kernel, store = KERNELS[name], OUT / f"{name}.sqlite"
+    os.chdir(tree)
+    os.environ["PYTHONPATH"] = os.pathsep.join((str(tree), str(tree / "tools")))
+    # A compiled file is taken for fresh if it is of the same second and the same size.
+    os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
+    words = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *kernel.tests]
+    begun = time.monotonic()
+    subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
+    limit = 5.0 + PATIENCE * (time.monotonic() - begun)
+    fresh = not store.exists()
+    with use_db(str(store), WorkDB.Mode.create if fresh else WorkDB.Mode.open) as work:
+        if fresh:
+            init([Path(kernel.code)], work, {})
+            counting = lines_that_count(Path(kernel.code).read_text(encoding="utf-8"))
+            items = sorted(work.work_items, key=lambda one: str(one.mutations))
+            wanted = [one for one in items if one.mutations[0].start_pos[0] in counting]
+            drawn = random.Random(name).sample(wanted, min(MOST, len(wanted)))
+            left = {one.job_id for one in items} - {one.job_id for one in drawn}
+            work.set_multiple_results(left, WorkResult(worker_outcome=WorkerOutcome.SKIPPED))
+        waiting = list(work.pending_work_items)
+        for number, item in enumerate(waiting, 1):
+            work.set_result(item.job_id, mutate_and_test(item.mutations, shlex.join(words), limit))
+            print(f"{name}: {number} of {len(waiting)}", flush=True)
+
+
+def changed(diff: str) -> tuple[str, str]:
+    """The line before and after, of a mutant's diff."""
+    lines = diff.splitlines()
+    before = next(line[1:].strip() for line in lines if line[:1] == "-" and line[:3] != "---")
+    after = next(line[1:].strip() for line in lines if line[:1] == "+" and line[:3] != "+++")
+    return before, after
+
+
+def outcomes(name: str) -> Iterator[tuple[bool, str]]:
+    """Whether each judged mutant of a kernel was noticed, and its diff."""
+    from cosmic_ray.work_db import WorkDB, use_db
+    from cosmic_ray.work_item import WorkerOutcome
+
+    with use_db(str(OUT / f"{name}.sqlite"), WorkDB.Mode.open) as work:
+        for _, result in work.results:
+            if result.worker_outcome is WorkerOutcome.NORMAL:
+                yield result.is_killed, result.diff or ""
+
+
+def report(names: Sequence[str]) -> bool:
+    """Print what was noticed, and what was not; whether each kernel reaches its aim."""
+    known = tomllib.loads(EXPLAINED.read_text(encoding="utf-8")) if EXPLAINED.exists() else {}
+    enough = True
+    for name in names:
+        if not (OUT / f"{name}.sqlite").exists():
+            continue
+        reasons = {(one["line"], one["becomes"]): one["why"] for one in known.get(name, [])}
+        judged = list(outcomes(name))
+        survivors = [changed(diff) for noticed, diff in judged if not noticed]
+        open_ones = [one for one in survivors if one not in reasons]
+        killed = len(judged) - len(survivors)
+        count = killed + len(open_ones)
+        share = killed / count if count else 1.0
+        enough = enough and share >= LEAST
+        print(f"{name:12}{killed:4} of {count:3} noticed, {share:4.0%}; "
+              f"{len(survivors) - len(open_ones)} explained")  # fmt: skip
+        for before, after in open_ones:
+            print(f"    {before}\n -> {after}")
+    return enough
+
+
+def main() -> int:
+    """Judge what is left, two kernels at a time, and report."""
+    parser = argparse.ArgumentParser(prog="make mutate ARGS=...", description=__doc__)
+    parser.add_argument("kernels", nargs="*", metavar="KERNEL", help=", ".join(KERNELS))
+    parser.add_argument("--report", action="store_true", help="only tell what was found so far")
+    parser.add_argument("--worker", type=int, help=argparse.SUPPRESS)
+    wishes = parser.parse_args()
+    names = wishes.kernels or list(KERNELS)
+    if strangers := [one for one in names if one not in KERNELS]:
+        parser.error(f"there is no kernel {strangers[0]} (there are {', '.join(KERNELS)})")
+    if wishes.worker is not None:
+        judge(names[0], OUT / f"tree{wishes.worker}")
+        return 0
+    OUT.mkdir(exist_ok=True)
+    waiting = list(names)
+    running: dict[int, subprocess.Popen[bytes]] = {}
+    trees = [] if wishes.report else [tree_of(number) for number in range(AT_ONCE)]
+    while trees and (waiting or running):
+        for number in range(len(trees)):
+            if number in running and running[number].poll() is not None:
+                del running[number]
+            if number not in running and waiting:
+                words = [sys.executable, __file__, "--worker", str(number), waiting.pop(0)]
+                running[number] = subprocess.Popen(words)
+        time.sleep(0.2)
+    return 0 if report(names) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
