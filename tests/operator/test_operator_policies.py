@@ -166,13 +166,16 @@ def test_who_is_lifted_stands_and_others_keep_away() -> None:
     assert min(math.dist((one.x, one.y), (2.0, 2.4)) for one in places) > 1.4
 
 
-def test_a_ramp_is_no_lift() -> None:
-    """What climbs by itself leans."""
+@pytest.mark.parametrize(
+    ("heights", "pitch"),
+    [([0.03 * count for count in range(20)], 0.08), ([math.nan, 0.2, 0.13, 1.4, 1.4, 1.4], 0.0)],
+)
+def test_a_ramp_is_no_lift(heights: list[float], pitch: float) -> None:
+    """What climbs by itself leans; one that is put elsewhere is there at once."""
     map, toy, ground = OccupancyMap(), Toy(ROOMS, 2.0, 2.4, 0.0), Ground()
     policy = policies.make("patrol", ((2.0, 2.4), (8.0, 2.4)))
-    for count in range(20):
-        view = replace(_view(toy, map, ground), height=0.03 * count, lean=(0.0, 0.08))
-        policy.powers(view)
+    for height in heights:
+        policy.powers(replace(_view(toy, map, ground), height=height, lean=(0.0, pitch)))
         toy.time += 0.1
     assert not policy.carried
     assert not list(ground.risen())

@@ -273,9 +273,11 @@ def test_a_way_begins_where_the_robot_is() -> None:
     told = Telemetry()
     told.feed(readings.Odometry("O", "Odometry", 0.1, 0.0, 0.0, 0.0), 0.1)
     assert not told.places_scans(0.1)
+    assert math.isnan(told.height)
     told.feed(
-        readings.GroundTruth("G", "GroundTruth", 0.2, (-10.0, 7.0, 0.0), (0.0, 0.0, 0.0)), 0.2
+        readings.GroundTruth("G", "GroundTruth", 0.2, (-10.0, 7.0, -0.2), (0.0, 0.0, 0.0)), 0.2
     )
+    assert told.height == 0.2
     told.feed(readings.Odometry("O", "Odometry", 0.3, 0.1, 0.0, 0.0), 0.3)
     assert told.path == [(-10.0, 7.0)]
     assert told.places_scans(0.3)

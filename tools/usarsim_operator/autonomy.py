@@ -152,7 +152,7 @@ class Autonomy:
             ground,
             driven.name,
             lean,
-            -pose[2],
+            driven.telemetry.height,
         )
         left, right = found.policy.powers(view)
         if found.policy.why != found.why:

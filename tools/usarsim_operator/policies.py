@@ -64,7 +64,7 @@ _BESIDE = 0.8  # rad to either side in which what it has begun to climb goes on
 _BACK = 1.5  # simulated s of backing off
 _DOWN = 2.2  # simulated s of it where it has begun to climb
 _LEANS = 0.1  # rad from upright at which it has begun to climb onto something
-_RISES, _RISEN = 0.05, 0.03  # m/s, and m, by which the floor under it rises while it is level
+_RISES, _JUMPS, _RISEN = 0.05, 1.0, 0.03  # m/s from and to which, and m by which, a lift has it
 _LEVEL = 0.05  # rad from upright at which it does not climb by itself
 _CAREFUL = 1.2, 0.7  # m from what was felt to its middle at which it has this power ahead at most
 _CLEAR = 0.38  # m from its middle to what it must not touch, beside how far that reaches
@@ -218,9 +218,9 @@ class _Traveller(Policy):
         before, self._before, was = self._before, view, self.carried
         if before is None:
             return False
-        rise = view.height - before.height
+        rise, took = view.height - before.height, view.time - before.time
         level = max(map(abs, (*view.lean, *before.lean))) < _LEVEL
-        if was or (level and rise > _RISES * (view.time - before.time)):
+        if was or (level and _RISES * took < rise < _JUMPS * took):
             self._carried += rise
         else:
             self._carried = 0.0

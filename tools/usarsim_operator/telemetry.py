@@ -248,6 +248,11 @@ class Telemetry:
         """Whether its pose is good for a map: odometry only where nothing better reports."""
         return self.source != "Odometry" or now - self._first > STALE
 
+    @property
+    def height(self) -> float:
+        """m by the true pose; nan without: odometry tells none, and that of an INS drifts."""
+        return math.nan if self.pose is None or self.source != "GroundTruth" else -self.pose[2]
+
     def flat_reach(self, off: float) -> float:
         """m from which on the plane of a flat scan is more than `off` m higher or lower than here.
 

@@ -20,7 +20,7 @@ class View:
         scan: its newest flat scan; None if it has none.
         map: of all robots. goals: places that others go to, by robot.
         ground: what all robots know beside the map. robot: its name.
-        lean: roll and pitch, rad. height: m.
+        lean: roll and pitch, rad. height: m; nan where nothing tells it well.
     """
 
     time: float
@@ -31,4 +31,4 @@ class View:
     ground: Ground = field(default_factory=Ground)
     robot: str = ""
     lean: tuple[float, float] = (0.0, 0.0)
-    height: float = 0.0
+    height: float = math.nan
