@@ -124,7 +124,9 @@ class Case:
         """
         found = line.names if found is None else found
         if tuple(found) != tuple(wanted):
-            raise Failed(f"segments are {' '.join(found)}, not {' '.join(wanted)}: {line}")
+            raise Failed(
+                f"segments are {' '.join(found) or 'none'}, not {' '.join(wanted)}: {line}"
+            )
 
     def expect_silence(self, lines: Sequence[Line], after: str) -> None:
         """Fail if lines came after something that must have no answer."""

@@ -300,8 +300,8 @@ async def human_motion(case: Case) -> None:
     walking = [(away, prob) for away, speed, prob in told.ahead if speed > 0.45]
     case.need(
         len(walking) > 15,
-        f"{len(walking)} HumanMotion lines with somebody who walks faster than 0.45 m/s, not more "
-        "than 15",
+        f"only {len(walking)} HumanMotion lines with somebody who walks faster than 0.45 m/s, more "
+        "than 15 are needed",
     )
     case.expect(
         all(0.0 <= prob <= 1.0 for _, prob in walking),

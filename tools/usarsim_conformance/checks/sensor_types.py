@@ -225,9 +225,10 @@ async def victims(case: Case) -> None:
             f"segments behind Name are {' '.join(names)}, not PartName and Location by turns: "
             f"{line}",
         )
+        odd = {value for name, value in data if name == "PartName"} - parts
         case.expect(
-            {value for name, value in data if name == "PartName"} <= parts,
-            f"PartName is not one of {', '.join(sorted(parts))}: {line}",
+            not odd,
+            f"PartName is {', '.join(sorted(odd))}, not one of {', '.join(sorted(parts))}: {line}",
         )
 
 

@@ -90,7 +90,9 @@ async def timed(case: Case) -> None:
     if not lines:
         case.skip("the robot has none of these sensors")
     for line in lines:
-        case.expect(line.names[0] == "Time", f"Time is missing: {line}")
+        case.expect(
+            line.names[0] == "Time", f"the first segment is {line.names[0]}, not Time: {line}"
+        )
 
 
 @udk("sensors.timed-udk", "Types with Time in udk", "5.3", Severity.SHOULD)
@@ -99,7 +101,9 @@ async def timed_udk(case: Case) -> None:
     older robots, which UDK does not know, is no rule's business."""
     for line in (await senses(case))[1]:
         if line.type not in ("INS", "INU", "GPS", "ObjectSensor", "LineLaser"):
-            case.expect(line.names[0] == "Time", f"Time is missing: {line}")
+            case.expect(
+                line.names[0] == "Time", f"the first segment is {line.names[0]}, not Time: {line}"
+            )
 
 
 @unreal("sensors.ins-untimed", "INS has no Time", "6, no. 113")

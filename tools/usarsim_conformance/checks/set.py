@@ -246,7 +246,7 @@ async def rfid(case: Case) -> None:
     written = await _responses(robot, f"{command}Write}} {{Params {tag} {memory}}}")
     case.expect(
         [one.get("status") for one in written] == ["OK"],
-        f"status of RES after Write is {[one.get('status') for one in written]}, not OK, once",
+        f"status of RES after Write is {[one.get('status') for one in written]}, not one OK",
     )
     read = await _responses(robot, f"{command}Read}} {{Params {tag}}}")
     case.expect(

@@ -123,7 +123,10 @@ async def has_time(case: Case) -> None:
     robot = await case.spawn()
     for _ in range(8):
         line = await robot.wait(lambda line: line.head == "STA", what="STA")
-        case.expect(re.fullmatch(r"\d+\.\d+", line.get("Time") or ""), f"Time is missing: {line}")
+        case.expect(
+            re.fullmatch(r"\d+\.\d+", line.get("Time") or ""),
+            f"Time is {line.get('Time')}, not a number with digits behind the point: {line}",
+        )
 
 
 @control("status.battery", "Battery counts down slowly", "4.3", Severity.SHOULD)

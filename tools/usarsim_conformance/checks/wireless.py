@@ -441,7 +441,7 @@ async def hangup(case: Case) -> None:
         guest.wire.close()
         case.expect(
             await wire.hung_up(side_lines.LEAVES),
-            f"the connection of {one.name}, who called, is not closed within "
+            f"the connection of {one.name}, which called, is not closed within "
             f"{side_lines.LEAVES:g} s after the other hung up",
         )
 
@@ -479,7 +479,7 @@ async def refused(case: Case) -> None:
         wire = await one.dial(port)
         case.expect(
             await wire.hung_up(side_lines.LEAVES),
-            f"the connection of {one.name}, who called, is not closed within "
+            f"the connection of {one.name}, which called, is not closed within "
             f"{side_lines.LEAVES:g} s, though the other refuses it",
         )
 
@@ -492,7 +492,7 @@ async def relay_leaver(case: Case) -> None:
         other.robot.close()
         case.expect(
             await side_lines.dropped(wire, one.client),
-            f"the connection of {one.name}, who called, is not closed after the other robot left",
+            f"the connection of {one.name}, which called, is not closed after the other robot left",
         )
         case.expect(
             await guest.hung_up(),
