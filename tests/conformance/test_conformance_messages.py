@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import ast
 import asyncio
 import math
 import random
+import re
+from collections.abc import Iterator
 from itertools import product
+from pathlib import Path
 
 import pytest
 
+import usarsim_conformance
 from usarsim_conformance.case import Case
 from usarsim_conformance.checks import sensors
 from usarsim_conformance.checks.rolling import stepped_rate
@@ -21,6 +26,39 @@ from usarsim_conformance.registry import Failed, Inconclusive
 _SIZE = 640, 480
 _RED, _BLUE = (429.0, 94.0), (211.0, 214.0)
 """Where the cubes belong in a picture."""
+
+_COMPARES = re.compile(
+    r"\b(not|no|neither|missing|below|above|at most|at least|instead of|in truth)\b"
+)
+_PASSED_ON = ("reason", "str(error)")
+"""Messages that are made elsewhere."""
+
+
+def _messages(tree: ast.AST) -> Iterator[ast.expr]:
+    """What a module says when a rule is broken."""
+    for call in ast.walk(tree):
+        match call:
+            case ast.Call(
+                func=ast.Attribute(value=ast.Name("case"), attr="expect" | "fail")
+                | ast.Name("Failed"),
+                args=[*_, message],
+            ) if ast.unparse(message) not in _PASSED_ON:
+                yield message
+
+
+def test_messages_tell_what_was_seen_and_what_is_right() -> None:
+    """Each has a value in it and a word that compares: what is seen is wrong beside what."""
+    count, poor = 0, []
+    for path in Path(usarsim_conformance.__file__).parent.rglob("*.py"):
+        for message in _messages(ast.parse(path.read_text(encoding="utf-8"))):
+            count += 1
+            parts = list(ast.walk(message))
+            texts = [part.value for part in parts if isinstance(part, ast.Constant)]
+            compares = any(_COMPARES.search(text) for text in texts if isinstance(text, str))
+            if not compares or not any(isinstance(part, ast.FormattedValue) for part in parts):
+                poor.append(f"{path.name}:{message.lineno}: {ast.unparse(message)}")
+    assert count > 500
+    assert not poor, "\n".join(poor)
 
 
 @pytest.mark.parametrize("flags", list(product((False, True), repeat=3)))

@@ -6,12 +6,13 @@ import asyncio
 import itertools
 import secrets
 from collections import Counter
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NoReturn, TypeVar
 
 from usarsim_conformance.clock import SimulatedClock
 from usarsim_conformance.control import REPLY, ControlClient, Pose, Robot
+from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place, Places
 from usarsim_conformance.registry import Failed, Inconclusive, NotApplicable
 from usarsim_conformance.survey import Survey, Target
@@ -110,6 +111,32 @@ class Case:
         """Fail with the reason unless the condition holds."""
         if not condition:
             raise Failed(reason)
+
+    def expect_names(
+        self, line: Line, wanted: Sequence[str], found: Sequence[str] | None = None
+    ) -> None:
+        """Fail unless segments of a line have these names in this order.
+
+        Args:
+            line: that has them.
+            wanted: the right names.
+            found: those that are judged; all of the line by default.
+        """
+        found = line.names if found is None else found
+        if tuple(found) != tuple(wanted):
+            raise Failed(
+                f"segments are {' '.join(found) or 'none'}, not {' '.join(wanted)}: {line}"
+            )
+
+    def expect_silence(self, lines: Sequence[Line], after: str) -> None:
+        """Fail if lines came after something that must have no answer."""
+        if lines:
+            raise Failed(f"{lines[0]} comes after {after}, not nothing")
+
+    async def expect_alive(self, client: ControlClient, after: str, within: float = REPLY) -> None:
+        """Fail unless a connection still answers after something, in so many simulated s."""
+        if not await client.is_alive(within):
+            raise Failed(f"GETSTARTPOSES has no answer within {within:g} s after {after}")
 
     def skip(self, reason: str) -> NoReturn:
         """The rule does not apply to this server."""

@@ -304,5 +304,5 @@ def pose_of(line: Line) -> Pose:
     """
     location, orientation = line.numbers("Location"), line.numbers("Orientation")
     if len(location) != 3 or len(orientation) != 3 or not all(map(math.isfinite, location)):
-        raise Failed(f"no Location and Orientation of three numbers each: {line}")
+        raise Failed(f"Location or Orientation is not three numbers: {line}")
     return Pose(location, orientation)

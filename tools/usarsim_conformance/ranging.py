@@ -103,9 +103,9 @@ def judge_beam(
         0.03 * wanted if beam.way[2] > 0.05 else 0.0
     ):
         return
-    what = "MaxRange" if wanted == high else "MinRange" if wanted == low else "a wall"
+    what = "MaxRange" if wanted == high else "MinRange" if wanted == low else "where a wall is"
     case.fail(
-        f"{key} of {beam.what} is {beam.value:.3f} m, {what} at {wanted:.3f} m (scene "
+        f"{key} of {beam.what} is {beam.value:.3f} m, not {wanted:.3f} m, {what} (scene "
         f"{beam.scene.name!r})"
     )
 

@@ -112,7 +112,7 @@ async def told(case: Case, command: str, type: str, name: str = "") -> Line:
         raise NotApplicable(f"the robot has no {type}")
     line = replies[command, type, name]
     if line is None:
-        raise Failed(f"{command} of type {type} was not answered")
+        raise Failed(f"{command} of type {type} has no answer")
     return line
 
 

@@ -134,7 +134,9 @@ class ImageClient:
         """
         data = await self.wire.silence(seconds)
         if data:
-            raise Failed(f"{len(data)} bytes came after {after}, beginning {data[:12].hex(' ')}")
+            raise Failed(
+                f"{len(data)} bytes came after {after}, not 0, beginning {data[:12].hex(' ')}"
+            )
 
     async def ends(self, after: str) -> None:
         """Fail if more than the replies read so far is on its way.
@@ -150,7 +152,7 @@ class ImageClient:
             await self.send(_MARK)
             more = len(await _up_to_mark(self.wire))
             if more:
-                raise Failed(f"{more} more frames came after {after}")
+                raise Failed(f"{more} more frames came after {after}, not 0")
 
 
 async def read_frame(wire: Wire, within: float | None = None) -> Frame:

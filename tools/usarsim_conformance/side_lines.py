@@ -96,7 +96,9 @@ class LineClient:
         data = await self.wire.read_until(b"\r\n", WITHIN if within is None else within)
         text = data[:-2].decode("latin-1")
         if "\n" in text or "\r" in text:
-            raise Failed(f"a line ends without CR LF: {text[:120]!r}")
+            raise Failed(
+                f"a line has a bare CR or LF within, not only CR LF at its end: {text[:120]!r}"
+            )
         return text
 
     async def ask(self, text: str, within: float | None = None) -> str:
@@ -114,7 +116,7 @@ class LineClient:
         """Fail if anything comes within a time, or the server hangs up."""
         data = await self.wire.silence(seconds)
         if data:
-            raise Failed(f"{data[:120]!r} came after {after}")
+            raise Failed(f"{data[:120]!r} came after {after}, not nothing")
 
 
 async def static_station(case: Case, location: tuple[float, ...] | None = None) -> Robot:
@@ -383,5 +385,5 @@ class Member(Peer):
         if answer.startswith("Fail: Cannot connect"):
             raise Inconclusive(f"the robots are out of reach of each other: {answer!r}")
         if answer != "OK":
-            raise Failed(f"OPEN was answered by {answer!r}")
+            raise Failed(f"OPEN was answered by {answer!r}, not by 'OK'")
         return await self.guest(), await other.guest()

@@ -87,7 +87,7 @@ async def create(
     case.expect(
         len(told) == 3
         and all(abs(a - b) < 0.01 + 0.01 * b for a, b in zip(told, size, strict=True)),
-        f"Size of a Cube of 1 m with Scale {scale} is {line.get('Size')}",
+        f"Size of a Cube of 1 m with Scale {scale} is {line.get('Size')}, not {scale}",
     )
     case.need(all(map(math.isfinite, told)), f"Size is none: {line}")
     return name

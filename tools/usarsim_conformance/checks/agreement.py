@@ -125,13 +125,15 @@ async def distance(case: Case) -> None:
             case.skip("the model knows no distance")
         case.expect(
             found[1] < found[0],
-            f"Strength is {found[0]} at {near:.1f} m, {found[1]} at {far:.1f} m",
+            f"Strength is {found[1]} dBm at {far:.1f} m, not below the {found[0]} dBm at "
+            f"{near:.1f} m",
         )
         for value, way in zip(found, (near, far), strict=True):
             wanted = _PD0 - 10.0 * _N * math.log10(way / _D0)
             case.expect(
                 abs(value - wanted) < 0.2,
-                f"Strength at {way:.2f} m is {value} dBm, by the default parameters {wanted:.2f}",
+                f"Strength at {way:.2f} m is {value} dBm, not {wanted:.2f} dBm, as by the default "
+                "parameters",
             )
 
 
@@ -161,7 +163,8 @@ async def floor(case: Case) -> None:
                 near = middle
         case.expect(
             abs(far - stands) < 0.03,
-            f"ObstCount tells a floor at z {far:.2f}, an object stands on {stands:.2f}",
+            f"ObstCount tells a floor at z {far:.2f}, not at {stands:.2f}, where an object with "
+            "Physics Ground stands",
         )
 
 
@@ -238,7 +241,7 @@ async def exact_time(case: Case) -> None:
     found = float(listed[0][3])
     case.expect(
         before - 0.3 <= found <= after + 0.3,
-        f"Time is {found}, STA told {before} before and {after} after",
+        f"Time is {found} s, not between {before} and {after} s, Time of the STA before and after",
     )
 
 
@@ -252,7 +255,7 @@ async def objects(case: Case) -> None:
         name = await create(case, world, place, (0.6, 0.4, 0.2))
         client = await LineClient.open(case, "truth")
         listed = await _actor(case, client, f"{{class USARPhysObj.Cube}} {{name {name}}}")
-        case.expect(len(listed) == 1, f"{len(listed)} objects of the name {name} are listed")
+        case.expect(len(listed) == 1, f"{len(listed)} objects of the name {name} are listed, not 1")
         status = await status_of(world, name)
         for index, key in ((4, "Location"), (5, "Rotation")):
             a, b = numbers(listed[0][index]), status.numbers(key)

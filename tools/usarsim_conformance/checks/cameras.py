@@ -145,7 +145,8 @@ async def _switched(case: Case, lot: Place) -> None:
     found = await rises(unlit, False)
     case.expect(
         found < _LIT,
-        f"the picture is still brighter by {found:.1f} of 255 when LightToggle of STA is False",
+        f"the picture is brighter by {found:.1f} of 255 when LightToggle of STA is False again, "
+        f"not by less than {_LIT:g}",
     )
 
 

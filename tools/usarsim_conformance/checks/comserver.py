@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator
 from usarsim_conformance.case import Case
 from usarsim_conformance.lines import number
 from usarsim_conformance.registry import Severity, checks_of
-from usarsim_conformance.side_lines import Guest, Member, MessageClient
+from usarsim_conformance.side_lines import LEAVES, Guest, Member, MessageClient
 
 comserver = checks_of("comserver")
 
@@ -110,7 +110,8 @@ async def not_listening(case: Case) -> None:
             f"Fail: {other.name} not listening on port {other.port}",
         )
         await case.clock.sleep(_QUIET)
-        case.expect(one.guests.empty() and other.guests.empty(), "robots are dialled all the same")
+        dialled = one.guests.qsize() + other.guests.qsize()
+        case.expect(not dialled, f"{dialled} robots are dialled after a refused OPEN, not 0")
 
 
 @comserver("getss.known", "The strength of a signal", "5.2, 5.3")
@@ -121,7 +122,11 @@ async def known(case: Case) -> None:
         answer = await one.client.ask(f"GETSS {one.name} {other.name}")
         if answer != _NO_STRENGTH:
             value = number(answer.removeprefix("OK:"))
-            case.expect(answer.startswith("OK:") and -400.0 < value <= 0.0, f"{answer!r}")
+            case.expect(
+                answer.startswith("OK:") and -400.0 < value <= 0.0,
+                f"GETSS is answered by {answer!r}, not by OK: and a number of dBm above -400 and "
+                "at most 0",
+            )
 
 
 @comserver("getss.third-party", "Strangers are told nothing", "11.86, 5.2")
@@ -150,7 +155,7 @@ async def unknown(case: Case) -> None:
         answer = await client.ask(text)
         # One revision of the original writes the second word small.
         good = re.fullmatch(r"Fail: Unknown [Mm]essage", answer)
-        case.expect(good, f"{text!r} was answered by {answer!r}")
+        case.expect(good, f"{text!r} is answered by {answer!r}, not by 'Fail: Unknown Message'")
 
 
 @comserver("request.case", "Verbs in any case, names in one", "5.1")
@@ -177,7 +182,11 @@ async def split(case: Case) -> None:
     await client.silent(_QUIET, "half a message")
     await client.wire.send(b"7000;")
     answer = await client.line()
-    case.expect(answer == f"Fail: Robot {name} not registered", f"{answer!r}")
+    case.expect(
+        answer == f"Fail: Robot {name} not registered",
+        f"LISTEN in two pieces is answered by {answer!r}, not by 'Fail: Robot {name} not "
+        "registered'",
+    )
     await client.silent(_QUIET, "one answer to one message")
 
 
@@ -189,7 +198,11 @@ async def pipelined(case: Case) -> None:
     await client.wire.send(b"LISTEN NoOne 1;HELLO;LISTEN NoTwo 2;")
     answers = [await client.line() for _ in range(3)]
     words = [answer.split()[2] for answer in answers if answer.count(" ") > 1]
-    case.expect(words == ["NoOne", "Message", "NoTwo"], f"{answers}")
+    case.expect(
+        words == ["NoOne", "Message", "NoTwo"],
+        f"three messages in one packet are answered by {answers}, not by three Fail, which name "
+        "NoOne, an unknown Message and NoTwo",
+    )
     await client.silent(_QUIET, "three answers to three messages")
 
 
@@ -200,7 +213,10 @@ async def line_ends(case: Case) -> None:
     await client.wire.send(b"LISTEN NoOne 1;\r\n LISTEN NoTwo 2;\r\n")
     answers = [await client.line() for _ in range(2)]
     wanted = [f"Fail: Robot {name} not registered" for name in ("NoOne", "NoTwo")]
-    case.expect(answers == wanted, f"{answers}")
+    case.expect(
+        answers == wanted,
+        f"two messages with line ends between are answered by {answers}, not by {wanted}",
+    )
     await client.silent(_QUIET, "two answers to two messages")
 
 
@@ -242,8 +258,11 @@ async def _send(guest: Guest, *payloads: bytes) -> None:
 
 async def _hears(case: Case, guest: Guest, wanted: bytes) -> None:
     found = await guest.read(len(wanted))
-    told = f"{found!r}, not {wanted!r}" if len(wanted) < 50 else f"{len(found)} bytes, or others"
-    case.expect(found == wanted, f"the other robot hears {told}")
+    case.expect(
+        found == wanted,
+        f"the other robot hears {len(found)} bytes, {found[:50]!r}, not the {len(wanted)} sent, "
+        f"{wanted[:50]!r}",
+    )
 
 
 @comserver("link.payload", "The other hears the payload only", "11.82, 5.4")
@@ -256,7 +275,7 @@ async def payload(case: Case) -> None:
             await _hears(case, listener, b"hello")
             for guest, what in ((listener, "hello"), (speaker, "its SEND")):
                 data = await guest.wire.silence(0.3)
-                case.expect(not data, f"{data!r} came after {what}")
+                case.expect(not data, f"{data!r} comes after {what}, not nothing")
 
 
 @comserver("link.binary", "Payload is bytes", "11.83, 5.4")
@@ -301,7 +320,9 @@ async def junk(case: Case) -> None:
         await _send(one, b"yes")
         await _hears(case, other, b"yes")
         data = await one.wire.silence(_QUIET)
-        case.expect(not data, f"{data!r} came after words that mean nothing")
+        case.expect(
+            not data, f"{data!r} comes after words that are neither SEND nor CLOSE, not nothing"
+        )
 
 
 @comserver("link.close", "CLOSE closes both ends", "11.84, 5.4")
@@ -311,7 +332,10 @@ async def close(case: Case) -> None:
         async with _link(case) as ends:
             await ends[side].wire.send(b"CLOSE;")
             for guest, whose in zip(ends, ("caller's", "other's"), strict=True):
-                case.expect(await guest.hung_up(), f"the {whose} end stays open after CLOSE")
+                case.expect(
+                    await guest.hung_up(),
+                    f"the {whose} connection is not closed within {LEAVES:g} s of CLOSE",
+                )
 
 
 @comserver("link.hangup", "The end of one side ends the other", "5.4")
@@ -323,7 +347,10 @@ async def hangup(case: Case) -> None:
             await _send(leaving, b"last words")
             leaving.wire.close()
             await _hears(case, staying, b"last words")
-            case.expect(await staying.hung_up(), "the other end stays open after a hangup")
+            case.expect(
+                await staying.hung_up(),
+                f"the connection of the other robot is not closed within {LEAVES:g} s of a hangup",
+            )
 
 
 @comserver("link.unanswered", "OK does not mean connected", "5.2", Severity.SHOULD)
@@ -333,5 +360,9 @@ async def unanswered(case: Case) -> None:
     async with await Member.make(case) as one, await Member.make(case, listen=True) as other:
         other.deaf()
         answer = await one.client.ask(f"OPEN {one.name} {one.port} {other.name} {other.port}")
-        case.expect(answer == "OK", f"OPEN was answered by {answer!r}")
-        case.expect(await (await one.guest()).hung_up(), "the robot that answers is left hanging")
+        case.expect(answer == "OK", f"OPEN is answered by {answer!r}, not by 'OK'")
+        case.expect(
+            await (await one.guest()).hung_up(),
+            f"the connection to the robot that answers is not closed within {LEAVES:g} s, though "
+            "the other one does not answer",
+        )

@@ -22,15 +22,15 @@ async def conf_ground(case: Case) -> None:
     line = await ground_told(case, "GETCONF")
     first = ("Type", "Name") if case.dialect == "ut2004" else ("Name", "Type")
     rest = ("SteeringType", "Mass", "MaxSpeed", "MaxTorque", "MaxFrontSteer", "MaxRearSteer")
-    case.expect(line.names == first + rest, f"other segments: {line}")
+    case.expect_names(line, first + rest)
 
 
 @gazebo("conf.ground-gazebo", "CONF in the form of the Gazebo prototype", "4.15", Severity.SHOULD)
 async def conf_gazebo(case: Case) -> None:
     """In the prototype's form Type comes before Name and nothing stands between segments."""
     line = await ground_told(case, "GETCONF")
-    case.expect(line.names[:3] == ("Type", "Name", "SteeringType"), f"other segments: {line}")
-    case.expect("} {" not in line.text, f"blanks between segments: {line}")
+    case.expect_names(line, ("Type", "Name", "SteeringType"), line.names[:3])
+    case.expect("} {" not in line.text, f"segments have blanks between, not none: {line}")
 
 
 @unreal("conf.numbers", "Numbers of CONF", "2.2 and 4.8", Severity.SHOULD)
@@ -41,7 +41,10 @@ async def conf_numbers(case: Case) -> None:
     for name in ("Mass", "MaxSpeed", "MaxTorque", "MaxFrontSteer", "MaxRearSteer"):
         value = line.get(name) or ""
         plain = case.dialect == "udk" and "Steer" in name and value == "0"
-        case.expect(plain or re.fullmatch(_N4, value), f"{name} is {value!r}: {line}")
+        case.expect(
+            plain or re.fullmatch(_N4, value),
+            f"{name} is {value!r}, not a number with four digits behind the point: {line}",
+        )
 
 
 @control("conf.steering", "SteeringType is known", "4.8")
@@ -49,7 +52,7 @@ async def steering(case: Case) -> None:
     """SteeringType is SkidSteered, AckermanSteered, OmniDrive, Unknown or None."""
     value = (await ground_told(case, "GETCONF")).get("SteeringType")
     known = ("SkidSteered", "AckermanSteered", "OmniDrive", "Unknown", "None")
-    case.expect(value in known, f"SteeringType is {value!r}")
+    case.expect(value in known, f"SteeringType is {value!r}, not one of {', '.join(known)}")
 
 
 @control("conf.plausible", "CONF tells plausible numbers", "4.8", Severity.SHOULD)
@@ -58,7 +61,9 @@ async def plausible(case: Case) -> None:
     line = await ground_told(case, "GETCONF")
     for name, most in (("Mass", 1e5), ("MaxSpeed", 200.0), ("MaxTorque", 50000.0)):
         value = line.number(name)
-        case.expect(0.0 < value <= most, f"{name} is {line.get(name)}")
+        case.expect(
+            0.0 < value <= most, f"{name} is {line.get(name)}, not above 0 and at most {most:g}"
+        )
 
 
 @unreal("conf.class-name", "The name is the class", "6, no. 133")
@@ -67,7 +72,10 @@ async def class_name(case: Case) -> None:
     for command in ("GETCONF", "GETGEO"):
         line = await told(case, command, "Robot")
         name = line.get("Name") or ""
-        case.expect(name.lower() == case.robot_class.lower(), f"Name is {name!r}: {line}")
+        case.expect(
+            name.lower() == case.robot_class.lower(),
+            f"Name is {name!r}, not {case.robot_class!r}: {line}",
+        )
 
 
 @unreal("conf.scanner", "CONF of RangeScanner", "6, no. 136")
@@ -77,7 +85,7 @@ async def conf_scanner(case: Case) -> None:
     line = await told(case, "GETCONF", "RangeScanner")
     start = line.names.index("Name") + 1 if "Name" in line.names else 0
     wanted = ("MaxRange", "MinRange", "Resolution", "Fov")
-    case.expect(line.names[start : start + 4] == wanted, f"other segments: {line}")
+    case.expect_names(line, wanted, line.names[start : start + 4])
 
 
 @unreal("conf.panning", "Paning and Panning", "5.2, no. 11", Severity.INFORMATIVE)
@@ -85,7 +93,7 @@ async def panning(case: Case) -> None:
     """The panning flag is spelled Paning in ut2004 and Panning in udk."""
     line = await told(case, "GETCONF", "RangeScanner")
     wanted = "Paning" if case.dialect == "ut2004" else "Panning"
-    case.expect(wanted in line.names, f"no {wanted}: {line}")
+    case.expect(wanted in line.names, f"{wanted} is missing: {line}")
 
 
 @control("conf.scanner-agrees", "CONF and SEN of a scanner agree", "4.6 and 4.8", Severity.SHOULD)
@@ -95,7 +103,11 @@ async def scanner_agrees(case: Case) -> None:
     for line in (await standing(case)).of("SEN", "RangeScanner")[:1]:
         for key, sent in (("Resolution", "Resolution"), ("Fov", "FOV")):
             gap = abs(conf.number(key) - line.number(sent))
-            case.expect(gap <= 0.01 * abs(line.number(sent)), f"{key}: {conf}, but {line}")
+            case.expect(
+                gap <= 0.01 * abs(line.number(sent)),
+                f"{key} of CONF is {conf.number(key):g}, not {line.number(sent):g}, {sent} of "
+                f"SEN: {conf}",
+            )
 
 
 @unreal("conf.sonar", "CONF of Sonar", "6, no. 137")
@@ -103,7 +115,10 @@ async def conf_sonar(case: Case) -> None:
     """Sonar CONF contains MaxRange and MinRange of every item."""
     line = await told(case, "GETCONF", "Sonar")
     for item in line.items():
-        case.expect({"MaxRange", "MinRange"} <= set(item), f"{item['Name']} lacks them: {line}")
+        case.expect(
+            {"MaxRange", "MinRange"} <= set(item),
+            f"{item['Name']} has no MaxRange or no MinRange: {line}",
+        )
 
 
 @unreal("conf.camera", "CONF of Camera", "6, no. 138")
@@ -116,9 +131,13 @@ async def conf_camera(case: Case) -> None:
         case.skip("the robot has no Camera")
     assert line is not None
     for name in ("CameraDefFov", "CameraMinFov", "CameraMaxFov", "CameraFov"):
-        case.expect(line.number(name) > 0.0, f"no {name}: {line}")
+        case.expect(line.number(name) > 0.0, f"{name} is {line.get(name)}, not above 0: {line}")
     degrees = line.number("CameraDefFov") > 6.3
-    case.expect(degrees == (case.dialect == "udk"), f"in the wrong unit: {line}")
+    case.expect(
+        degrees == (case.dialect == "udk"),
+        f"CameraDefFov is {line.get('CameraDefFov')}, not in "
+        f"{'degrees' if case.dialect == 'udk' else 'rad'}: {line}",
+    )
 
 
 @udk("conf.actuator", "CONF of Actuator", "6, no. 139")
@@ -129,8 +148,11 @@ async def conf_actuator(case: Case) -> None:
     line = await robot.client.ask("GETCONF {Type Actuator}", "CONF {Type Actuator")
     wanted = ("Link", "JointType", "MaxTorque", "MinValue", "MaxValue")
     names = tuple(name for name in line.names if name in wanted)
-    case.expect(names == wanted * (len(names) // 5) and names, f"other segments: {line}")
-    case.expect(line.get("Link") == "1", f"links do not begin with 1: {line}")
+    case.expect(
+        names == wanted * (len(names) // 5) and names,
+        f"segments of links are {' '.join(names)}, not {' '.join(wanted)} for each link: {line}",
+    )
+    case.expect(line.get("Link") == "1", f"the first Link is {line.get('Link')}, not 1: {line}")
 
 
 @unreal("conf.aerial", "CONF of aerial robots has a Type", "5.2, no. 17")
@@ -141,7 +163,10 @@ async def conf_aerial(case: Case) -> None:
         line = await robot.client.ask(f"{command} {{Type Robot}}", command.removeprefix("GET"))
         if line.type == "Camera":
             line = await robot.wait(command.removeprefix("GET"))
-        case.expect(line.type == "AerialVehicle", f"{line}")
+        case.expect(
+            line.type == "AerialVehicle",
+            f"Type of the reply to {command} is {line.type!r}, not AerialVehicle: {line}",
+        )
 
 
 @control("conf.robot", "GETCONF of the robot", "6, no. 124")
@@ -161,7 +186,7 @@ async def _once(case: Case, command: str, head: str) -> None:
     for request in (f"{command} {{Type Robot}}", f"{command} {{Type Robot}} {{Name any}}"):
         lines = await robot.client.outcome(request)
         found = [line for line in lines if line.head == head and line.type != "Camera"]
-        case.expect(len(found) == 1, f"{request} gave {len(found)} lines")
+        case.expect(len(found) == 1, f"{request} is answered by {len(found)} lines, not by 1")
 
 
 @control("conf.every-item", "Every item that is streamed answers", "6, no. 125", Severity.MUST)
@@ -175,7 +200,7 @@ async def every_item(case: Case) -> None:
     for type, name in items:
         for command in ("GETCONF", "GETGEO"):
             line = recording.replies[command, type, name]
-            case.expect(line is not None, f"{command} {{Type {type}}} {{Name {name}}}: no reply")
+            case.expect(line is not None, f"{command} {{Type {type}}} {{Name {name}}} has no reply")
 
 
 @control("conf.named-item", "A request by name gives that item", "3.8")
@@ -186,8 +211,14 @@ async def named_item(case: Case) -> None:
         if not name or line is None or type == "Robot":
             continue
         names = [item["Name"] for item in line.items()]
-        case.expect(names == [name], f"{command} of {type} {name} told of {names}: {line}")
-        case.expect(line.type == type, f"{command} of {type} told of type {line.type}")
+        case.expect(
+            names == [name],
+            f"{command} of {type} {name} tells of {names}, not of {name} only: {line}",
+        )
+        case.expect(
+            line.type == type,
+            f"{command} of {type} is answered with Type {line.type!r}, not {type}: {line}",
+        )
 
 
 @control("conf.by-type", "A request by type gives all items in a line", "6, no. 127")
@@ -201,10 +232,14 @@ async def by_type(case: Case) -> None:
         wanted = {name for one, name in items if one == type}
         for command in ("GETCONF", "GETGEO"):
             line = recording.replies[command, type, ""]
-            case.expect(line is not None, f"{command} {{Type {type}}}: no reply")
+            case.expect(line is not None, f"{command} {{Type {type}}} has no reply")
             assert line is not None
             told = {item["Name"] for item in line.items()}
-            case.expect(wanted <= told, f"{command} {{Type {type}}} lacks {wanted - told}: {line}")
+            case.expect(
+                wanted <= told,
+                f"{', '.join(sorted(wanted - told))} is missing in the reply to {command} {{Type "
+                f"{type}}}: {line}",
+            )
 
 
 @unreal("conf.no-match", "Nothing matches, nothing is said", "6, no. 126")
@@ -221,7 +256,7 @@ async def no_match(case: Case) -> None:
         "GETGEO",
     )
     found = [line for line in lines if line.head in ("CONF", "GEO")]
-    case.expect(not found, f"it was answered: {found[:1]}")
+    case.expect_silence(found, "GETCONF and GETGEO with unknown Type or Name")
 
 
 @control("conf.canonical", "The type is spelled canonically", "6, no. 128", Severity.SHOULD)
@@ -233,7 +268,9 @@ async def canonical(case: Case) -> None:
         case.skip("the robot streams no items")
     robot = await case.spawn()
     line = await robot.client.ask(f"GETCONF {{Type {types[0].lower()}}}", "CONF {Type")
-    case.expect(line.type == types[0], f"{line.type!r} instead of {types[0]!r}")
+    case.expect(
+        line.type == types[0], f"the first reply is of Type {line.type!r}, not {types[0]!r}"
+    )
 
 
 @unreal("conf.both-names", "MisPkg and Actuator both answer", "6, no. 141")
@@ -253,7 +290,10 @@ async def next_line(case: Case) -> None:
     client = await case.connect()
     await client.send(case.init(place, case.new_name(), arm), "GETCONF {Type Actuator}")
     line = await client.wait(lambda line: True, PATIENCE, "line")
-    case.expect(line.head == "CONF" and line.type == "Actuator", f"the next line is {line}")
+    case.expect(
+        line.head == "CONF" and line.type == "Actuator",
+        f"the line after INIT and GETCONF is {line}, not CONF of Type Actuator",
+    )
 
 
 _KEYS = ("CameraDefFov", "CameraMinFov", "CameraMaxFov", "CameraFov")
@@ -282,8 +322,13 @@ async def camera_zoom(case: Case) -> None:
     stops at; 0 is CameraDefFov again."""
     robot = await case.spawn()
     name, (usual, least, most, now) = await _lens(case, robot)
-    case.expect(least <= usual <= most, f"CameraDefFov {usual:g} is not in {least:g} to {most:g}")
-    case.expect(abs(now - usual) < 2e-3, f"CameraFov is {now:g} at first, CameraDefFov {usual:g}")
+    case.expect(
+        least <= usual <= most,
+        f"CameraDefFov is {usual:g}, not {least:g} to {most:g}, CameraMinFov to CameraMaxFov",
+    )
+    case.expect(
+        abs(now - usual) < 2e-3, f"CameraFov is {now:g} at first, not {usual:g}, CameraDefFov"
+    )
     between = 0.6 * least + 0.4 * most
     for zoom, wanted in ((between, between), (0.5 * least, least), (1.2 * most, most), (0, usual)):
         await robot.send(

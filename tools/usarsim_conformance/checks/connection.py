@@ -24,10 +24,10 @@ async def greeting(case: Case) -> None:
     """Soon after accept, before any input, the server sends exactly one line, the game NFO."""
     client = await case.connect(greet=False)
     line = await client.wait(lambda line: True, what="greeting")
-    case.expect(line.head == "NFO", f"not an NFO: {line}")
-    case.expect("Gametype" in line.names, f"not the game NFO: {line}")
+    case.expect(line.head == "NFO", f"the first line is {line}, not an NFO")
+    case.expect("Gametype" in line.names, f"the first line is {line}, not an NFO with Gametype")
     more = await client.listen(1.0)
-    case.expect(not more, f"a second line was sent: {more[:1]}")
+    case.expect_silence(more, "the greeting")
 
 
 @once("connection.greeting-segments", "The greeting has Gametype, Level, TimeLimit", "6, no. 3")
@@ -36,9 +36,9 @@ async def greeting_segments(case: Case) -> None:
     TimeLimit is an integer."""
     client = await case.connect(greet=False)
     line = await client.wait("NFO")
-    case.expect(line.names == ("Gametype", "Level", "TimeLimit"), f"other segments: {line}")
+    case.expect_names(line, ("Gametype", "Level", "TimeLimit"))
     limit = line.get("TimeLimit") or ""
-    case.expect(re.fullmatch(r"\d+", limit), f"TimeLimit is {limit!r}, no integer")
+    case.expect(re.fullmatch(r"\d+", limit), f"TimeLimit is {limit!r}, not an integer")
 
 
 @once("connection.greeting-level", "The level is a bare name", "6, no. 4", Severity.SHOULD)
@@ -46,8 +46,10 @@ async def greeting_level(case: Case) -> None:
     """The Level of the greeting is not empty and has no suffix `.LevelInfo`."""
     client = await case.connect(greet=False)
     level = (await client.wait("NFO")).get("Level") or ""
-    case.expect(level, "the level has no name")
-    case.expect(".levelinfo" not in level.lower(), f"Level is {level!r}")
+    case.expect(level, f"Level is {level!r}, not a name")
+    case.expect(
+        ".levelinfo" not in level.lower(), f"Level is {level!r}, not a name without .LevelInfo"
+    )
 
 
 @once("connection.quiet", "Says nothing to a silent client", "6, no. 5")
@@ -55,7 +57,7 @@ async def quiet(case: Case) -> None:
     """After the greeting nothing is sent on a connection that sends no command."""
     client = await case.connect()
     line = await client.line(_SILENCE)
-    case.expect(line is None, f"without a command the server said {line}")
+    case.expect(line is None, f"{line} comes after the greeting and no command, not nothing")
 
 
 @control("connection.crlf", "Lines end with CR LF", "6, no. 6")
@@ -63,8 +65,13 @@ async def crlf(case: Case) -> None:
     """Every server line ends with bytes 13 10, and has neither elsewhere."""
     recording = await standing(case)
     for line in recording.lines:
-        case.expect(line.raw.endswith(b"\r\n"), f"a line ends with {line.raw[-3:]!r}")
-        case.expect(b"\r" not in line.raw[:-2], f"a CR within a line: {line.raw[:200]!r}")
+        case.expect(
+            line.raw.endswith(b"\r\n"), f"a line ends with {line.raw[-3:]!r}, not with CR LF"
+        )
+        case.expect(
+            b"\r" not in line.raw[:-2],
+            f"a CR stands within a line, not only at its end: {line.raw[:200]!r}",
+        )
 
 
 @control("connection.no-empty-lines", "Sends no empty lines", "6, no. 7")
@@ -72,16 +79,19 @@ async def no_empty_lines(case: Case) -> None:
     """No empty line is ever sent."""
     recording = await standing(case)
     empty = sum(not line.text.strip() for line in recording.lines)
-    case.expect(not empty, f"{empty} of {len(recording.lines)} lines are empty")
+    case.expect(not empty, f"{empty} of {len(recording.lines)} lines are empty, not 0")
 
 
 @control("connection.blanks", "Lines have no stray blanks", "6, no. 8")
 async def blanks(case: Case) -> None:
     """No server line contains a tab or a doubled blank, or starts or ends with a blank."""
     for line in (await standing(case)).lines:
-        case.expect("\t" not in line.text, f"a tab: {line}")
-        case.expect("  " not in line.text, f"a doubled blank: {line}")
-        case.expect(line.text == line.text.strip(" "), f"a blank at the edge: {line.raw[:200]!r}")
+        case.expect("\t" not in line.text, f"a line has a tab, not only blanks: {line}")
+        case.expect("  " not in line.text, f"a line has two blanks in a row, not one: {line}")
+        case.expect(
+            line.text == line.text.strip(" "),
+            f"a line has a blank at an edge, not only within: {line.raw[:200]!r}",
+        )
 
 
 @unreal("connection.separation", "One blank between segments", "6, no. 9")
@@ -92,8 +102,11 @@ async def separation(case: Case) -> None:
         if line.head == "CONF" and line.type == "Camera":
             continue
         between = re.search(r"\}([^{} ][^{}]*| [^{}]+|)\{", line.text)
-        case.expect(between is None, f"not one blank between segments: {line}")
-        case.expect(re.match(r"[A-Z]+( \{|$)", line.text), f"no head and one blank: {line}")
+        case.expect(between is None, f"segments have no blank, or more than one, between: {line}")
+        case.expect(
+            re.match(r"[A-Z]+( \{|$)", line.text),
+            f"a line does not begin with a head and one blank: {line}",
+        )
 
 
 @control("connection.braces", "Braces are balanced and never nested", "1.5")
@@ -101,7 +114,10 @@ async def braces(case: Case) -> None:
     """Every opening brace of a server line is closed before the next one opens."""
     for line in (await standing(case)).lines:
         signs = re.sub(r"[^{}]", "", line.text)
-        case.expect(signs == "{}" * (len(signs) // 2), f"unbalanced braces: {line}")
+        case.expect(
+            signs == "{}" * (len(signs) // 2),
+            f"braces of a line stand as {signs[:60]}, not each closed before the next one: {line}",
+        )
 
 
 @control("connection.heads", "Only known heads are sent", "4.1", Severity.SHOULD)
@@ -109,7 +125,10 @@ async def heads(case: Case) -> None:
     """Every line begins with a head that clients know, in capitals."""
     known = {"NFO", "STA", "SEN", "MISSTA", "ASTA", "EFF", "BSTA", "CONF", "GEO", "RES", "DIE"}
     for line in (await standing(case)).lines:
-        case.expect(line.head in known or not line.text.strip(), f"unknown head: {line}")
+        case.expect(
+            line.head in known or not line.text.strip(),
+            f"the first word is {line.head!r}, not one of {', '.join(sorted(known))}: {line}",
+        )
 
 
 @control(
@@ -122,7 +141,11 @@ async def whole_lines(case: Case) -> None:
     """Each line is handed to the socket in one write, so that no read ends within a line."""
     recording = await standing(case)
     share = recording.torn / max(1, len(recording.streamed))
-    case.expect(share < 0.05, f"{recording.torn} reads ended in the middle of a line")
+    case.expect(
+        share < 0.05,
+        f"{recording.torn} reads ended in the middle of a line, not at most 5 for 100 of the "
+        f"{len(recording.streamed)} lines",
+    )
 
 
 @once(
@@ -147,7 +170,7 @@ async def come_and_go(case: Case) -> None:
             client.wire.reset()
         else:
             client.close()
-    case.expect(await (await case.connect()).is_alive(), "a later connection is not answered")
+    await case.expect_alive(await case.connect(), "20 clients that left at once")
 
 
 @once("connection.half-close", "A half-closed connection is closed", "6, no. 14", Severity.SHOULD)
@@ -155,7 +178,10 @@ async def half_close(case: Case) -> None:
     """If the client ends its half of the connection, the server ends the other within seconds."""
     robot = await case.spawn()
     robot.client.wire.half_close()
-    case.expect(await robot.client.wire.hung_up(REPLY), f"the server went on for {REPLY:g} s")
+    case.expect(
+        await robot.client.wire.hung_up(REPLY),
+        f"the connection is not closed within {REPLY:g} s after the client has ended its half",
+    )
 
 
 @once("connection.again", "The same INIT works again after closing", "6, no. 15")
@@ -188,7 +214,10 @@ async def leaves(case: Case) -> None:
         return not await _listed(robot.name, watch)
 
     # A second more, for what had been asked before the hangup was noticed.
-    case.expect(await case.soon(gone, LEAVES + 1.0), "it is still listed 2 s later")
+    case.expect(
+        await case.soon(gone, LEAVES + 1.0),
+        f"{robot.name} is listed by GETPOS {LEAVES + 1.0:g} s after its connection ended, not gone",
+    )
 
 
 async def _listed(name: str, watch: Wire) -> bool:
@@ -225,7 +254,10 @@ async def default(case: Case) -> None:
     robot = await _u4_class(case)
     place = await case.place()
     line = await _streamed(case, f"INIT {{ClassName USARBot.{robot}}} {place.segments}")
-    case.expect(dialect_of(line) == "ut2004", f"{line}")
+    case.expect(
+        dialect_of(line) == "ut2004",
+        f"the first streamed line has the shape of {dialect_of(line)!r}, not of ut2004: {line}",
+    )
 
 
 @once("dialect.classname", "Classname switches to udk", "6, no. 173")
@@ -234,7 +266,10 @@ async def classname(case: Case) -> None:
     robot = await _u4_class(case)
     place = await case.place()
     line = await _streamed(case, f"INIT {{Classname USARBot.{robot}}} {place.segments}")
-    case.expect(dialect_of(line) == "udk", f"{line}")
+    case.expect(
+        dialect_of(line) == "udk",
+        f"the first streamed line has the shape of {dialect_of(line)!r}, not of udk: {line}",
+    )
 
 
 @once("dialect.actuator", "GETCONF of Actuator switches to udk", "6, no. 175")
@@ -245,7 +280,10 @@ async def actuator(case: Case) -> None:
     line = await _streamed(
         case, f"INIT {{ClassName USARBot.{robot}}} {place.segments}", "GETCONF {Type Actuator}"
     )
-    case.expect(dialect_of(line) == "udk", f"{line}")
+    case.expect(
+        dialect_of(line) == "udk",
+        f"the first streamed line has the shape of {dialect_of(line)!r}, not of udk: {line}",
+    )
 
 
 @unreal("dialect.forced", "Dialect forces a dialect", "6, no. 176")
@@ -260,7 +298,11 @@ async def forced(case: Case) -> None:
         f"{{Dialect {case.dialect}}}",
         "GETCONF {Type Actuator}",
     )
-    case.expect(dialect_of(line) == case.dialect, f"{line}")
+    case.expect(
+        dialect_of(line) == case.dialect,
+        f"the first streamed line has the shape of {dialect_of(line)!r}, not of {case.dialect}: "
+        f"{line}",
+    )
 
 
 @once("dialect.side-by-side", "Two dialects at a time", "6, no. 178")
@@ -278,7 +320,11 @@ async def side_by_side(case: Case) -> None:
     for _ in range(2):
         for client, dialect in clients:
             line = await client.wait(lambda line: line.head == "STA", PATIENCE, "STA")
-            case.expect(dialect_of(line) == dialect, f"not {dialect}: {line}")
+            case.expect(
+                dialect_of(line) == dialect,
+                f"the first streamed line has the shape of {dialect_of(line)!r}, not of "
+                f"{dialect}: {line}",
+            )
 
 
 @unreal("dialect.steady", "A dialect does not flicker", "5.3", Severity.SHOULD)
@@ -287,4 +333,8 @@ async def steady(case: Case) -> None:
     robot = await case.spawn()
     lines = [line for line in await robot.run(1.0) if line.head == "STA"]
     shapes = {(dialect_of(line), line.names) for line in lines}
-    case.expect(len(shapes) == 1, f"{len(shapes)} shapes of STA")
+    case.expect(
+        len(shapes) == 1,
+        f"STA has {len(shapes)} shapes on one connection, not 1: "
+        f"{sorted(' '.join(names) for _, names in shapes)}",
+    )

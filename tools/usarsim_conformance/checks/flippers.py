@@ -100,8 +100,9 @@ async def lift(case: Case) -> None:
             change = getattr(trip[pair], angle) - getattr(level, angle)
             case.expect(
                 sign * change > 0.05,
-                f"{trip.class_name} after {trip[pair].command}: {angle} changed by {change:.3f} "
-                f"rad, {pair} up was expected: {' or '.join(_PAIRS[pair])}",
+                f"{trip.class_name} after {trip[pair].command}: {angle} changes by {change:.3f} "
+                f"rad, which should be {'above 0.05' if sign > 0 else 'below -0.05'} with {pair} "
+                f"up: {' or '.join(_PAIRS[pair])}",
             )
 
 

@@ -26,14 +26,17 @@ async def plain(case: Case) -> None:
                 bad = re.fullmatch(
                     r"[+-]?(nan|inf(inity)?)|[+-]?[\d.]+e[+-]?\d+|\+[\d.]+|-?\.\d+", word, re.I
                 )
-                case.expect(bad is None, f"{word!r} in {name}: {line}")
+                case.expect(bad is None, f"{name} has {word!r}, not a plain decimal number: {line}")
 
 
 @control("numbers.vectors", "Vectors have no blanks", "6, no. 54")
 async def vectors(case: Case) -> None:
     """The numbers of a vector are joined by commas without blanks."""
     for line in (await standing(case)).lines:
-        case.expect(not re.search(r"\d, +-?\d|\d ,", line.text), f"a blank in a vector: {line}")
+        case.expect(
+            not re.search(r"\d, +-?\d|\d ,", line.text),
+            f"a vector has a blank beside a comma, not none: {line}",
+        )
 
 
 @control("numbers.triples", "Locations and Orientations are triples", "4.5")
@@ -44,7 +47,10 @@ async def triples(case: Case) -> None:
         for item in line.items():
             for name in ("Location", "Orientation"):
                 value = item.get(name)
-                case.expect(value is None or form.fullmatch(value), f"{name} is {value!r}: {line}")
+                case.expect(
+                    value is None or form.fullmatch(value),
+                    f"{name} is {value!r}, not three numbers with commas between: {line}",
+                )
 
 
 @control("numbers.booleans", "Booleans are True and False", "6, no. 55")
@@ -52,7 +58,10 @@ async def booleans(case: Case) -> None:
     """Booleans are written `True` and `False`."""
     for line in (await standing(case)).lines:
         wrong = re.search(r" (true|false|TRUE|FALSE)\}", line.text)
-        case.expect(wrong is None or "Visible" in line.text, f"{line}")
+        case.expect(
+            wrong is None or "Visible" in line.text,
+            f"a boolean is {wrong and wrong[1]}, not True or False: {line}",
+        )
 
 
 _DIGITS: dict[str, dict[str, tuple[str, int]]] = {
@@ -114,21 +123,30 @@ async def digits_time(case: Case) -> None:
         if value is None or line.type in ("RangeScanner3D", "RangeImager", "IRScanner"):
             continue
         wanted = 2 if case.dialect == "ut2004" and line.type == "RangeScanner" else 4
-        case.expect(len(value.partition(".")[2]) == wanted, f"not {wanted} digits: {line}")
+        case.expect(
+            len(value.partition(".")[2]) == wanted,
+            f"Time is {value}, not a number with {wanted} digits: {line}",
+        )
 
 
 @unreal("frames.down", "z points down", "6, no. 56")
 async def down(case: Case) -> None:
     """A robot that is put higher reports a smaller z; the wire frame has z down."""
     fell = await _fallen(case, down=-1.2)
-    case.expect(fell > 0.0, f"falling changed z by {fell:.2f}: z points up")
+    case.expect(
+        fell > 0.0,
+        f"z of Location changes by {fell:.2f} m in a fall, not to above 0: z points up, not down",
+    )
 
 
 @gazebo("frames.up", "z points up in the Gazebo prototype", "4.15")
 async def up(case: Case) -> None:
     """The prototype reports the frame of Gazebo: z up."""
     fell = await _fallen(case, down=1.2)
-    case.expect(fell < 0.0, f"falling changed z by {fell:.2f}: z points down")
+    case.expect(
+        fell < 0.0,
+        f"z of Location changes by {fell:.2f} m in a fall, not to below 0: z points down, not up",
+    )
 
 
 async def _fallen(case: Case, down: float) -> float:
@@ -139,7 +157,11 @@ async def _fallen(case: Case, down: float) -> float:
     before = await high.pose()
     await high.run(2.0)
     fell = (await high.pose()).location[2] - before.location[2]
-    case.need(abs(fell) > 0.1, "the robot did not fall when put 1.2 m above a start pose")
+    case.need(
+        abs(fell) > 0.1,
+        f"z changed by {fell:.2f} m, not by more than 0.1: the robot did not fall from 1.2 m "
+        "above a start pose",
+    )
     return fell
 
 
@@ -180,7 +202,10 @@ async def right(case: Case) -> None:
             break
         await robot.run(1.0)
         after = await robot.pose()
-    case.need(abs(turned(before.yaw, after.yaw)) > 0.1, "the robot hardly turned")
+    case.need(
+        abs(turned(before.yaw, after.yaw)) > 0.1,
+        f"yaw changed by {turned(before.yaw, after.yaw):.2f} rad, not by more than 0.1",
+    )
     _, side = before.ahead(after)
     case.expect(side > 0.005, f"y, seen from the start, changed by {side:.3f} m, not above 0.005")
 
@@ -195,9 +220,13 @@ async def facing(case: Case) -> None:
     await robot.run(0.4)
     before, after = await case.drive(robot, "DRIVE {Left 2} {Right 2}", 1.0)
     dx, dy = (after.location[axis] - before.location[axis] for axis in (0, 1))
-    case.need(math.hypot(dx, dy) > 0.03, "the robot hardly moved")
+    case.need(
+        math.hypot(dx, dy) > 0.03,
+        f"the robot moved by {math.hypot(dx, dy):.2f} m, not by more than 0.03",
+    )
     case.expect(
-        dy > abs(dx), f"it moved by {dx:.2f} m along x and {dy:.2f} m along y, not along +y"
+        dy > abs(dx),
+        f"Location of the robot changes by {dx:.2f} m along x and {dy:.2f} m along y, not along +y",
     )
 
 
@@ -287,7 +316,11 @@ async def monotonic(case: Case) -> None:
         if math.isnan(line.time):
             continue
         key = (line.head, line.type)
-        case.expect(line.time >= latest.get(key, 0.0), f"time went back: {line}")
+        case.expect(
+            line.time >= latest.get(key, 0.0),
+            f"Time is {line.time}, not at least {latest.get(key, 0.0)}, that of the {line.head} "
+            f"before: {line}",
+        )
         latest[key] = line.time
 
 
@@ -296,9 +329,17 @@ async def advances(case: Case) -> None:
     """Time advances from STA to STA, and all lines of a moment agree within a second."""
     lines = (await standing(case)).streamed
     times = [line.time for line in lines if line.head == "STA"]
-    case.expect(len(times) > 2 and times[-1] > times[0], f"STA times: {times[:5]}")
+    case.expect(
+        len(times) > 2 and times[-1] > times[0],
+        f"Time of STA is {times[-1:]} at last in {len(times)} lines, not above {times[:1]}, that "
+        "of the first",
+    )
     stated = [line.time for line in lines if not math.isnan(line.time)]
-    case.expect(max(stated) - min(stated) < 1.0 + times[-1] - times[0], "lines disagree on Time")
+    case.expect(
+        max(stated) - min(stated) < 1.0 + times[-1] - times[0],
+        f"Time of all lines spans {max(stated) - min(stated):.2f} s, not less than "
+        f"{1.0 + times[-1] - times[0]:.2f} s, a second more than that of STA",
+    )
 
 
 @once("time.shared", "All robots share a clock", "6, no. 68")
@@ -311,7 +352,11 @@ async def shared(case: Case) -> None:
     # In turns, each told after the one before was read: none may be earlier than that.
     times = [await _told_now(robot) for robot in (one, other, one)]
     late = [a - b for a, b in pairwise(times)]
-    case.expect(max(late) < 0.5, f"told one after the other, by two robots in turns: {times}")
+    case.expect(
+        max(late) < 0.5,
+        f"Time told by two robots in turns, one after the other, is {times}, not growing: it goes "
+        f"back by {max(late):.2f} s",
+    )
 
 
 async def _told_now(robot: Robot) -> float:

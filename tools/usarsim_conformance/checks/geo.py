@@ -21,7 +21,7 @@ async def geo_ground(case: Case) -> None:
     WheelBase in this order."""
     line = await ground_told(case, "GETGEO")
     names = ("Type", "Name", "Dimensions", "COG", "WheelRadius", "WheelSeparation", "WheelBase")
-    case.expect(line.names == names, f"other segments: {line}")
+    case.expect_names(line, names)
 
 
 @unreal("geo.numbers", "Numbers of GEO", "2.2", Severity.SHOULD)
@@ -29,10 +29,16 @@ async def geo_numbers(case: Case) -> None:
     """Numbers and vectors of the robot's GEO have four digits, and wheels a size."""
     line = await ground_told(case, "GETGEO")
     for name in ("Dimensions", "COG"):
-        case.expect(re.fullmatch(_V4, line.get(name) or ""), f"{name}: {line}")
+        case.expect(
+            re.fullmatch(_V4, line.get(name) or ""),
+            f"{name} is {line.get(name)!r}, not three numbers with four digits: {line}",
+        )
     for name in ("WheelRadius", "WheelSeparation", "WheelBase"):
-        case.expect(re.fullmatch(_N4, line.get(name) or ""), f"{name}: {line}")
-        case.expect(line.number(name) > 0.0, f"{name}: {line}")
+        case.expect(
+            re.fullmatch(_N4, line.get(name) or ""),
+            f"{name} is {line.get(name)!r}, not a number with four digits: {line}",
+        )
+        case.expect(line.number(name) > 0.0, f"{name} is {line.get(name)}, not above 0: {line}")
 
 
 @ut2004("geo.sensors-ut2004", "GEO of sensors in pairs", "6, no. 134")
@@ -50,7 +56,11 @@ async def geo_pairs(case: Case) -> None:
         if command != "GETGEO" or line is None or type not in sensors:
             continue
         asked += 1
-        case.expect(form.fullmatch(line.text), f"another form: {line}")
+        case.expect(
+            form.fullmatch(line.text),
+            "GEO has another form, not {Name n Location v Orientation v Mount m} for each "
+            f"item: {line}",
+        )
     if not asked:
         case.skip("no sensor answered GETGEO")
 
@@ -68,11 +78,11 @@ async def geo_segments(case: Case) -> None:
         asked += 1
         names = tuple(name for name in line.names[1:] if name != "MountLink")
         groups = len(names) // 4
+        case.expect_names(line, ("Name", "Location", "Orientation", "Mount") * groups, names)
         case.expect(
-            names == ("Name", "Location", "Orientation", "Mount") * groups,
-            f"other segments: {line}",
+            all(" " not in v for n, v in line.segments if n == "Name"),
+            f"Name holds pairs, not a name alone: {line}",
         )
-        case.expect(all(" " not in v for n, v in line.segments if n == "Name"), f"pairs: {line}")
     if not asked:
         case.skip("no sensor answered GETGEO")
 
@@ -91,7 +101,11 @@ async def body_frame(case: Case) -> None:
     robot = await case.spawn(place=turned)
     line = await robot.client.ask(f"GETGEO {{Type {type}}}", "GEO {Type")
     before = await told(case, "GETGEO", type)
-    case.expect(line.text == before.text, f"{before} became {line} when turned by 90 degrees")
+    case.expect(
+        line.text == before.text,
+        f"GEO of a robot that is turned by 90 degrees is {line}, not {before}, as of one that is "
+        "not",
+    )
 
 
 @unreal("geo.actuator", "GEO of Actuator and MisPkg", "6, no. 140")
@@ -103,4 +117,6 @@ async def geo_actuator(case: Case) -> None:
         ("Actuator", "Parent", "0") if case.dialect == "udk" else ("MisPkg", "ParentLink", "-1")
     )
     line = await robot.client.ask(f"GETGEO {{Type {type}}}", f"GEO {{Type {type}")
-    case.expect(line.get(name) == base, f"{name} of the first link: {line}")
+    case.expect(
+        line.get(name) == base, f"{name} of the first link is {line.get(name)}, not {base}: {line}"
+    )

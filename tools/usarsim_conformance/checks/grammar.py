@@ -10,7 +10,10 @@ async def _conf_answers(case: Case, command: str, reply: str = "CONF {") -> None
     """A spelling of GETCONF is understood."""
     robot = await case.spawn()
     line = await robot.client.ask(command, reply)
-    case.expect("SteeringType" in line.text or line.get("Name"), f"not the robot's: {line}")
+    case.expect(
+        "SteeringType" in line.text or line.get("Name"),
+        f"the reply to {command!r} is {line}, not one of the robot",
+    )
 
 
 @once("grammar.case", "Command words and names in any case", "6, no. 32")
@@ -79,8 +82,8 @@ async def no_open_brace(case: Case) -> None:
     robot = await case.spawn()
     lines = await robot.client.outcome("GETCONF Type Robot}")
     found = [line for line in lines if line.head == "CONF" and line.type != "Camera"]
-    case.expect(not found, f"it was answered: {found[:1]}")
-    case.expect(await robot.client.is_alive(), "the connection no longer answers")
+    case.expect_silence(found, "GETCONF without its first brace")
+    await case.expect_alive(robot.client, "a command without its first brace")
 
 
 @once("grammar.unknown-command", "Unknown commands are ignored", "6, no. 41")
@@ -90,8 +93,8 @@ async def unknown_command(case: Case) -> None:
     lines = await client.outcome(
         "FLY {High 1}", "HELLO", "INITIALISE {ClassName x}", "42", "{Type Robot}"
     )
-    case.expect(not lines, f"an unknown command was answered: {lines[:1]}")
-    case.expect(await client.is_alive(), "the connection no longer answers")
+    case.expect_silence(lines, "unknown commands")
+    await case.expect_alive(client, "unknown commands")
 
 
 @once("grammar.old-commands", "Commands of other eras do no harm", "3.12 and 3.15")
@@ -113,7 +116,7 @@ async def old_commands(case: Case) -> None:
         "CAMERA {Pan 1}",
     )
     await robot.wait("STA")
-    case.expect(await robot.client.is_alive(), "the connection no longer answers")
+    await case.expect_alive(robot.client, "commands that are no longer used")
 
 
 @once("grammar.unknown-segment", "Unknown segments are ignored", "6, no. 42")
@@ -132,5 +135,5 @@ async def before_init(case: Case) -> None:
         "GETGEO {Type Robot}",
         "SET {Type Camera} {Opcode Zoom} {Params 1}",
     )
-    case.expect(not lines, f"something was answered: {lines[:1]}")
+    case.expect_silence(lines, "commands before INIT")
     await case.spawn(client=client)

@@ -29,18 +29,24 @@ async def positions(case: Case, client: LineClient) -> dict[str, tuple[float, ..
     """Where everybody is, as the wireless program reads it (side channels 3.4)."""
     line = await client.ask("GETPOS")
     kind, groups = split_reply(line)
-    case.expect(kind == "POSITIONS" and groups, f"no answer to GETPOS: {line[:120]!r}")
+    case.expect(
+        kind == "POSITIONS" and groups,
+        f"GETPOS is answered by {line[:120]!r}, not by POSITIONS and groups",
+    )
     found = {group["Name"]: numbers(group.get("Location")) for group in groups if "Name" in group}
     case.expect(
         groups[0].get("Robots") == str(len(found)),
-        f"{groups[0]} announced, the splitter finds {len(found)} robots in {line[:200]!r}",
+        f"Robots of GETPOS is {groups[0].get('Robots')}, not {len(found)}, as many as the "
+        f"splitter finds in {line[:200]!r}",
     )
     return found
 
 
 async def _listed(case: Case, client: LineClient, robot: Robot) -> tuple[float, ...]:
     found = (await positions(case, client)).get(robot.name)
-    case.expect(found is not None, f"{robot.name} has sent STA, but GETPOS does not list it")
+    case.expect(
+        found is not None, f"{robot.name} has sent STA, but is missing in the list of GETPOS"
+    )
     assert found is not None
     return found
 
@@ -67,7 +73,10 @@ async def several(case: Case) -> None:
         await client.send("GETPOS")
     for client in clients:
         line = await client.line()
-        case.expect(line.startswith("POSITIONS {Robots "), f"no answer to GETPOS: {line[:80]!r}")
+        case.expect(
+            line.startswith("POSITIONS {Robots "),
+            f"GETPOS is answered by {line[:80]!r}, not by POSITIONS",
+        )
 
 
 @truth("getpos.none", "The list without robots", "11.48, 3.2", exclusive=True)
@@ -84,7 +93,10 @@ async def none(case: Case) -> None:
     async with case.clock.alone():
         if not await case.soon(empty, 5.0):
             case.give_up(f"there are robots in the world: {lines[-1][:120]!r}")
-    case.expect(lines[-1] == "POSITIONS {Robots 0}", f"{lines[-1]!r} instead")
+    case.expect(
+        lines[-1] == "POSITIONS {Robots 0}",
+        f"GETPOS without robots is answered by {lines[-1]!r}, not by 'POSITIONS {{Robots 0}}'",
+    )
 
 
 @truth("getpos.form", "The form of POSITIONS", "11.49, 3.2, 3.4")
@@ -93,7 +105,11 @@ async def form(case: Case) -> None:
     the ends: the only reader in the field splits by position."""
     await case.spawn()
     line = await (await _client(case)).ask("GETPOS")
-    case.expect(_FORM.fullmatch(line), f"another form: {line!r}")
+    case.expect(
+        _FORM.fullmatch(line),
+        "GETPOS has another form, not POSITIONS {Robots n} and {Name n Location x,y,z "
+        f"BatteryEmpty b}} for each: {line!r}",
+    )
 
 
 @truth("getpos.splitter", "The strict splitter finds every robot", "11.65, 3.4")
@@ -104,10 +120,10 @@ async def splitter(case: Case) -> None:
     client = await _client(case)
     found = await positions(case, client)
     for robot in robots:
-        case.expect(robot.name in found, f"{robot.name} is not among {sorted(found)}")
+        case.expect(robot.name in found, f"{robot.name} is missing among {sorted(found)}")
     for name, place in found.items():
         good = len(place) == 3 and all(map(math.isfinite, place))
-        case.expect(good, f"the place of {name} is not three numbers")
+        case.expect(good, f"Location of {name} is {place}, not three numbers")
 
 
 @truth("getpos.digits", "Coordinates have four decimals", "11.50, 3.2", Severity.SHOULD)
@@ -118,7 +134,10 @@ async def digits(case: Case) -> None:
     texts = [text for group in re.findall(r"Location ([^ }]*)", line) for text in group.split(",")]
     case.need(texts, "no Location is listed")
     odd = [text for text in texts if not re.fullmatch(_NUMBER, text)]
-    case.expect(not odd, f"coordinates in another form: {odd}")
+    case.expect(
+        not odd,
+        f"coordinates of Location are {odd}, not numbers with exactly four digits behind the point",
+    )
 
 
 @truth("getpos.truncated", "Coordinates are truncated", "11.50, 3.2", Severity.SHOULD)
@@ -138,7 +157,8 @@ async def truncated(case: Case) -> None:
     )
     case.expect(
         all(abs(a - b) < 0.00005 for a, b in zip(found, wanted, strict=False)),
-        f"{wanted} and {off} more are told as {found[:2]}: rounded",
+        f"x and y of Location are {found[:2]}, not {wanted}, for {off} more than that: they are "
+        "rounded, not cut off",
     )
 
 
@@ -150,7 +170,11 @@ async def place(case: Case) -> None:
     told = await _listed(case, await _client(case), robot)
     where = (await robot.pose()).location
     off = math.dist(told, where)
-    case.expect(off < 0.5, f"GETPOS tells {told}, the robot's own sensor {where}")
+    case.expect(
+        off < 0.5,
+        f"Location of GETPOS is {told}, not within 0.5 m of {where}, as the robot's own sensor "
+        "tells",
+    )
 
 
 @truth("getpos.follows", "Positions follow robots", "3.2, 3.5")
@@ -162,9 +186,13 @@ async def follows(case: Case) -> None:
     start = await _listed(case, client, robot)
     before, after = await case.drive(robot, "DRIVE {Left 2.0} {Right 2.0}", 2.0)
     driven = math.dist(before.location, after.location)
-    case.need(driven > 0.15, "the robot did not move")
+    case.need(driven > 0.15, f"the robot moved by {driven:.2f} m, not by more than 0.15")
     told = math.dist(start, await _listed(case, client, robot))
-    case.expect(told > 0.5 * driven, f"driven {driven:.2f} m, by GETPOS {told:.2f} m")
+    case.expect(
+        told > 0.5 * driven,
+        f"Location of GETPOS changes by {told:.2f} m, not by more than half of {driven:.2f} m, as "
+        "the robot drives",
+    )
 
 
 @truth("getpos.names", "Names keep their case", "11.51, 3.2")
@@ -186,7 +214,9 @@ async def order(case: Case) -> None:
         await case.spawn(place=free, init=case.init(free, name))
     listed = list(await positions(case, await _client(case)))
     found = [name for name in listed if name in marks]
-    case.expect(found == marks, f"spawned {marks}, listed {found}")
+    case.expect(
+        found == marks, f"GETPOS lists {found}, not {marks}, the order in which they were spawned"
+    )
 
 
 @truth("getpos.leaves", "Robots vanish with their connection", "11.52, 3.2")
@@ -201,7 +231,8 @@ async def leaves(case: Case) -> None:
         return robot.name not in await positions(case, client)
 
     case.expect(
-        await case.soon(gone, 3.0), f"{robot.name} is still listed 3 s after its connection ended"
+        await case.soon(gone, 3.0),
+        f"{robot.name} is listed 3 s after its connection ended, not gone",
     )
 
 
@@ -211,8 +242,11 @@ async def battery(case: Case) -> None:
     robot = await case.spawn()
     line = await (await _client(case)).ask("GETPOS")
     found = [group for group in split_reply(line)[1] if group.get("Name") == robot.name]
-    case.expect(found, f"{robot.name} is not listed")
-    case.expect(found[0].get("BatteryEmpty") == "False", f"{found[0]}")
+    case.expect(found, f"{robot.name} is missing in the list of GETPOS")
+    case.expect(
+        found[0].get("BatteryEmpty") == "False",
+        f"BatteryEmpty of a fresh robot is {found[0].get('BatteryEmpty')}, not False: {found[0]}",
+    )
 
 
 @truth("getpos.in-time", "Answers within a second", "11.62, 3.5", Severity.INFORMATIVE)
@@ -227,7 +261,7 @@ async def in_time(case: Case) -> None:
         await client.ask("GETPOS")
         await client.ask(f"GETOBS {{From {robots[0].name}}} {{To {robots[1].name}}}")
         worst = max(worst, case.clock.now - begun)
-    case.expect(worst < 1.0, f"GETPOS and GETOBS together took {worst:.2f} s")
+    case.expect(worst < 1.0, f"GETPOS and GETOBS together take {worst:.2f} s, not less than 1 s")
 
 
 @truth("getpos.station", "A static station is listed", "11.67, 4.4", Severity.SHOULD)
@@ -237,8 +271,11 @@ async def station(case: Case) -> None:
     found = await static_station(case)
     line = await (await _client(case)).ask("GETPOS")
     groups = [group for group in split_reply(line)[1] if group.get("Name") == found.name]
-    case.expect(groups, f"{found.name} is not listed")
-    case.expect(groups[0].get("BatteryEmpty") == "False", f"{groups[0]}")
+    case.expect(groups, f"{found.name} is missing in the list of GETPOS")
+    case.expect(
+        groups[0].get("BatteryEmpty") == "False",
+        f"BatteryEmpty of a station is {groups[0].get('BatteryEmpty')}, not False: {groups[0]}",
+    )
 
 
 # Framing.
@@ -250,7 +287,10 @@ async def command_case(case: Case) -> None:
     client = await _client(case)
     for word in ("getpos", "GetPos", "GETPOS"):
         line = await client.ask(word)
-        case.expect(line.startswith("POSITIONS {"), f"{word!r} was answered by {line[:80]!r}")
+        case.expect(
+            line.startswith("POSITIONS {"),
+            f"{word!r} is answered by {line[:80]!r}, not by POSITIONS",
+        )
 
 
 @truth("request.pipelined", "Two requests in one segment", "11.54, 3.1")
@@ -259,7 +299,11 @@ async def pipelined(case: Case) -> None:
     client = await _client(case)
     await client.wire.send(b"GETPOS\r\nGETOBS {From A?} {To B?}\r\nGETPOS\r\n")
     heads = [(await client.line()).partition(" ")[0] for _ in range(3)]
-    case.expect(heads == ["POSITIONS", "NUMOBS", "POSITIONS"], f"answers in the order {heads}")
+    case.expect(
+        heads == ["POSITIONS", "NUMOBS", "POSITIONS"],
+        f"three requests in one packet are answered by {heads}, not by POSITIONS, NUMOBS, "
+        "POSITIONS",
+    )
     await client.silent(_QUIET, "three lines for three requests")
 
 
@@ -314,7 +358,7 @@ async def garbage(case: Case) -> None:
     await client.wire.silence(_QUIET)
     await client.send("GETPOS")
     while not (line := await client.line()).startswith("POSITIONS {Robots "):
-        case.expect(not line, f"garbage was answered by {line!r}")
+        case.expect(not line, f"garbage is answered by {line!r}, not by an empty line")
 
 
 @truth("request.long-line", "Survives a line without end", "3.1", Severity.SHOULD)

@@ -26,10 +26,13 @@ def _point(place: Place) -> str:
 async def _count(case: Case, client: LineClient, segments: str) -> float:
     """Obstacles; fails unless the answer echoes the question and tells a number."""
     line = await client.ask(f"GETOBS {segments}")
-    case.expect(line.startswith(f"NUMOBS {segments} {{ObstCount "), f"{segments}: {line!r}")
+    case.expect(
+        line.startswith(f"NUMOBS {segments} {{ObstCount "),
+        f"GETOBS {segments} is answered by {line!r}, not by NUMOBS {segments} {{ObstCount n}}",
+    )
     found = _COUNT.search(line)
     count = number(found[1]) if found else float("nan")
-    case.expect(count == count, f"no number of obstacles in {line!r}")
+    case.expect(count == count, f"ObstCount is not a number: {line!r}")
     return count
 
 
@@ -46,13 +49,17 @@ async def form(case: Case) -> None:
     one, other = [await case.spawn() for _ in range(2)]
     line = await (await _client(case)).ask(f"GETOBS {{From {one.name}}} {{To {other.name}}}")
     kind, groups = split_reply(line)
-    case.expect(kind == "NUMOBS", f"another reply: {line!r}")
+    case.expect(kind == "NUMOBS", f"GETOBS is answered by {line!r}, not by NUMOBS")
     case.expect(
         groups[:2] == [{"From": one.name}, {"To": other.name}] and "ObstCount" in groups[-1],
-        f"the splitter finds {groups} in {line!r}",
+        f"groups of NUMOBS are {groups}, not From {one.name}, To {other.name} and ObstCount: "
+        f"{line!r}",
     )
     count = groups[2]["ObstCount"].partition(".")[0]
-    case.expect(count.isdecimal(), f"the count of robots in the world is {count!r}")
+    case.expect(
+        count.isdecimal(),
+        f"ObstCount is {groups[2]['ObstCount']!r}, not a number above or equal to 0",
+    )
 
 
 @truth("getobs.digits", "Counts are floats in text", "11.56, 3.3", Severity.SHOULD)
@@ -62,7 +69,11 @@ async def digits(case: Case) -> None:
     segments = f"{{Start {_point(place)}}} {{End {_point(place.moved(down=20.0))}}}"
     line = await (await _client(case)).ask(f"GETOBS {segments}")
     found = _COUNT.search(line)
-    case.expect(found and re.fullmatch(r"-?\d+\.0000", found[1]), f"no such count: {line!r}")
+    case.expect(
+        found and re.fullmatch(r"-?\d+\.0000", found[1]),
+        f"ObstCount is {found and found[1]!r}, not a whole number with four zeros behind the "
+        f"point: {line!r}",
+    )
 
 
 @truth("getobs.unknown-robot", "An unknown robot gives minus one", "11.58, 3.3")
@@ -127,9 +138,16 @@ async def precedence(case: Case) -> None:
     client = await _client(case)
     points = "{Start 0,0,0} {End 0,0,0.001}"
     line = await client.ask(f"GETOBS {points} {{From A?}} {{To B?}}")
-    case.expect(line == "NUMOBS {From A?} {To B?} {ObstCount -1.0000}", f"{line!r}")
+    case.expect(
+        line == "NUMOBS {From A?} {To B?} {ObstCount -1.0000}",
+        f"GETOBS with unknown robots and points is answered by {line!r}, not by NUMOBS of the "
+        "robots with ObstCount -1.0000",
+    )
     line = await client.ask(f"GETOBS {points} {{From A?}}")
-    case.expect(line.startswith(f"NUMOBS {points} {{ObstCount "), f"{line!r}")
+    case.expect(
+        line.startswith(f"NUMOBS {points} {{ObstCount "),
+        f"GETOBS with one robot and two points is answered by {line!r}, not by NUMOBS {points}",
+    )
 
 
 @truth("getobs.free-air", "Nothing stands in free air", "11.56, 3.3")
@@ -194,4 +212,7 @@ async def nonsense(case: Case) -> None:
     for point in ("a,b,c", "1,2", "nan,inf,-inf", "1e300,1e300,1e300", ",,,,"):
         await client.ask(f"GETOBS {{Start {point}}} {{End 0,0,0}}")
     line = await client.ask("GETPOS")
-    case.expect(line.startswith("POSITIONS {Robots "), f"{line[:80]!r}")
+    case.expect(
+        line.startswith("POSITIONS {Robots "),
+        f"GETPOS after points that are no numbers is answered by {line[:80]!r}, not by POSITIONS",
+    )

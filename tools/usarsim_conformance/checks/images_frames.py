@@ -47,9 +47,12 @@ async def length(case: Case) -> None:
         more = len(await client.wire.silence(0.3))
         case.expect(
             not more,
-            f"the length in the header is {named}, but {named + more} bytes of payload follow it",
+            f"the length in the header is {named}, but {named + more} bytes of payload follow it, "
+            "not as many",
         )
-        case.expect(frame.size[0], f"the payload of {named} bytes is an empty picture")
+        case.expect(
+            frame.size[0], f"a picture of {named} bytes of payload is empty, not one with pixels"
+        )
 
 
 @images("header.one-type", "All replies have the same type", "11.11, 2.3")
@@ -58,7 +61,10 @@ async def one_type(case: Case) -> None:
     client = await ImageClient.open(case)
     requests = (FULL_FRAME, rectangle(0, 0, 32, 32), rectangle(client.facts.width, 0, 1, 1))
     kinds = [(await client.ask(request)).kind for request in requests]
-    case.expect(len(set(kinds)) == 1, f"OK, U and U outside have the types {kinds}")
+    case.expect(
+        len(set(kinds)) == 1,
+        f"the type bytes of OK, U and U outside of the frame are {kinds}, not the same",
+    )
 
 
 @images("header.known-type", "The type is one of six", "2.3", Severity.SHOULD)
@@ -79,7 +85,9 @@ async def type_alone(case: Case) -> None:
         pieces.append(len(await wire.read(15.0)))
         if pieces[-1] == 1:
             return
-    case.expect(False, f"the first pieces of five pictures had {pieces} bytes")
+    case.expect(
+        False, f"the first pieces of five pictures have {pieces} bytes, not 1, the type byte alone"
+    )
 
 
 async def _frame(case: Case, raw: bool) -> tuple[ImageClient, Frame]:
@@ -95,10 +103,12 @@ async def markers(case: Case) -> None:
     """A JPEG payload begins with FF D8 and ends with FF D9."""
     _, frame = await _frame(case, raw=False)
     case.expect(
-        frame.payload[:2] == b"\xff\xd8", f"it begins with {frame.payload[:2].hex(' ')}, not ff d8"
+        frame.payload[:2] == b"\xff\xd8",
+        f"the JPEG picture begins with {frame.payload[:2].hex(' ')}, not ff d8",
     )
     case.expect(
-        frame.payload[-2:] == b"\xff\xd9", f"it ends with {frame.payload[-2:].hex(' ')}, not ff d9"
+        frame.payload[-2:] == b"\xff\xd9",
+        f"the JPEG picture ends with {frame.payload[-2:].hex(' ')}, not ff d9",
     )
 
 
@@ -107,9 +117,15 @@ async def decodes(case: Case) -> None:
     """A JPEG payload decodes as a colour picture; that of U to the size of its rectangle."""
     client, frame = await _frame(case, raw=False)
     pixels = frame.pixels
-    case.expect(pixels.ndim == 3 and pixels.shape[2] == 3, f"its shape is {pixels.shape}")
+    case.expect(
+        pixels.ndim == 3 and pixels.shape[2] == 3,
+        f"a picture has the shape {pixels.shape}, not height, width and 3 colours",
+    )
     part = (await client.ask(rectangle(0, 0, 50, 30))).pixels
-    case.expect(part.shape == (30, 50, 3), f"50 x 30 asked for, its shape is {part.shape}")
+    case.expect(
+        part.shape == (30, 50, 3),
+        f"a picture of 50 x 30 has the shape {part.shape}, not (30, 50, 3)",
+    )
 
 
 @images("jpeg.baseline", "JPEG pictures suit old decoders", "2.3", Severity.SHOULD)
@@ -117,8 +133,13 @@ async def baseline(case: Case) -> None:
     """The pictures are sequential JPEG files in colour, not progressive ones or CMYK."""
     _, frame = await _frame(case, raw=False)
     with Image.open(io.BytesIO(frame.payload)) as picture:
-        case.expect(picture.mode == "RGB", f"the picture's mode is {picture.mode}")
-        case.expect("progressive" not in picture.info, "the picture is progressive")
+        case.expect(
+            picture.mode == "RGB", f"the mode of the JPEG picture is {picture.mode}, not RGB"
+        )
+        case.expect(
+            "progressive" not in picture.info,
+            f"the JPEG picture of type {frame.kind} is progressive, not sequential",
+        )
 
 
 @images("jpeg.quality", "The quality fits the type", "2.3", Severity.INFORMATIVE)
@@ -130,12 +151,15 @@ async def quality(case: Case) -> None:
         case.skip(f"no quality is documented for type {frame.kind}")
     with Image.open(io.BytesIO(frame.payload)) as picture:
         if not isinstance(picture, JpegImagePlugin.JpegImageFile):
-            raise Failed(f"the picture is a {picture.format} file")
+            raise Failed(f"the picture is a {picture.format} file, not JPEG")
         scale = 100.0 * float(np.mean(picture.quantization[0])) / _STANDARD_MEAN
     # The scaling of tables by quality is that of the Independent JPEG Group's library.
     found = (200.0 - scale) / 2.0 if scale <= 100.0 else 5000.0 / scale
     wanted = _QUALITIES[frame.kind]
-    case.expect(abs(found - wanted) <= 15.0, f"quality about {found:.0f} instead of {wanted}")
+    case.expect(
+        abs(found - wanted) <= 15.0,
+        f"the picture has a quality of about {found:.0f}, not {wanted}, as type {frame.kind} has",
+    )
 
 
 @images("raw.sides", "Raw pictures begin with their sides", "11.13, 2.4")
@@ -143,7 +167,10 @@ async def sides(case: Case) -> None:
     """A raw payload begins with width and height, big-endian and 16 bits each."""
     client, _ = await _frame(case, raw=True)
     frame = await client.ask(rectangle(0, 0, 40, 24))
-    case.expect(frame.payload[:4] == bytes((0, 40, 0, 24)), f"not 40 x 24: {frame.payload[:4]!r}")
+    case.expect(
+        frame.payload[:4] == bytes((0, 40, 0, 24)),
+        f"the raw picture begins with {frame.payload[:4].hex(' ')}, not 00 28 00 18, its 40 x 24",
+    )
 
 
 @images("raw.length", "Raw pictures have three bytes per pixel", "11.14, 2.4")
@@ -152,7 +179,11 @@ async def raw_length(case: Case) -> None:
     _, frame = await _frame(case, raw=True)
     width, height = frame.size
     wanted = 4 + height * row_length(width)
-    case.expect(len(frame.payload) == wanted, f"{len(frame.payload)} bytes, not {wanted}")
+    case.expect(
+        len(frame.payload) == wanted,
+        f"a raw picture of {width} x {height} has {len(frame.payload)} bytes of payload, not "
+        f"{wanted}",
+    )
 
 
 @images("raw.padding", "Raw rows are filled up to four bytes", "11.14, 2.4")
@@ -176,8 +207,12 @@ async def sky_is_blue(case: Case) -> None:
     client = await ImageClient.open(case)
     pixels = (await client.ask(watcher.tile.request)).pixels
     red, _, blue = pixels[: len(pixels) // 8].reshape(-1, 3).mean(axis=0)
-    case.need(abs(blue - red) > 6.0, "the upper part of the picture has no colour: no sky")
-    case.expect(blue > red, f"the sky is red ({red:.0f}) rather than blue ({blue:.0f})")
+    case.need(
+        abs(blue - red) > 6.0,
+        f"red and blue of the upper part of the picture are {red:.0f} and {blue:.0f} of 255: no "
+        "sky",
+    )
+    case.expect(blue > red, f"blue of the sky is {blue:.0f} of 255, not above red, {red:.0f}")
 
 
 @images("content.upright", "The first row is the top", "11.16, 2.4", Severity.SHOULD)
@@ -214,9 +249,17 @@ async def tile_of_frame(case: Case) -> None:
     part = (await client.frame()).pixels.astype(float)
     frame = (await client.frame()).pixels
     again = watcher.tile.cut(frame)
-    case.expect(part.shape == again.shape, f"shapes {part.shape} and {again.shape} differ")
+    case.expect(
+        part.shape == again.shape,
+        f"the rectangle of a tile has the shape {part.shape}, not {again.shape}, as its part of "
+        "the full frame",
+    )
     off = float(np.abs(part - again).mean())
-    case.expect(off < 12.0, f"the rectangle differs from its part of the frame by {off:.0f} of 255")
+    case.expect(
+        off < 12.0,
+        f"the rectangle differs from its part of the frame by {off:.0f} of 255, not by less than "
+        "12",
+    )
 
 
 _FLOAT = r"\d+\.\d{4}"
@@ -247,7 +290,11 @@ async def form(case: Case) -> None:
     """`GETCONF {Type Camera}` lists all cameras in one line: a blank before each Name, none between
     the following segments, whole pixels, fields of view with four decimals."""
     watcher = await camera_robot(case)
-    case.expect(_FORM.fullmatch(watcher.conf), f"another form: {watcher.conf}")
+    case.expect(
+        _FORM.fullmatch(watcher.conf),
+        "CONF of cameras has another form, not {Name n}{TextureOffsetX n} and so on to "
+        f"{{CameraFov f}}: {watcher.conf}",
+    )
 
 
 @images("conf.by-name", "CONF of one camera", "2.10")
@@ -256,8 +303,15 @@ async def by_name(case: Case) -> None:
     watcher = await camera_robot(case)
     name = watcher.tile.name
     found = tiles_of(await ask_conf(watcher.robot, f" {{Name {name}}}"))
-    case.expect([tile.name for tile in found] == [name], f"asked for {name}, told {found}")
-    case.expect(found[0] == watcher.tile, f"{found[0]} is not {watcher.tile}")
+    case.expect(
+        [tile.name for tile in found] == [name],
+        f"CONF asked for {name} tells of {[tile.name for tile in found]}, not of that one only",
+    )
+    case.expect(
+        found[0] == watcher.tile,
+        f"CONF of {name}, asked for by name, tells {found[0]}, not {watcher.tile}, as without the "
+        "name",
+    )
 
 
 @images("conf.inside", "Tiles lie in the frame", "2.10")
@@ -266,7 +320,7 @@ async def inside(case: Case) -> None:
     watcher = await camera_robot(case)
     facts = await facts_of(case)
     for tile in watcher.tiles:
-        case.expect(tile.width and tile.height, f"no area: {tile}")
+        case.expect(tile.width and tile.height, f"a tile of a camera has no area: {tile}")
         case.expect(
             tile.x + tile.width <= facts.width and tile.y + tile.height <= facts.height,
             f"{tile} is not in the frame of {facts.width} x {facts.height}",
@@ -275,7 +329,8 @@ async def inside(case: Case) -> None:
     size = (await client.ask(watcher.tile.request)).size
     case.expect(
         size == (watcher.tile.width, watcher.tile.height),
-        f"the picture of a tile of {watcher.tile.width} x {watcher.tile.height} is {size}",
+        f"the picture of a tile has the size {size}, not "
+        f"{(watcher.tile.width, watcher.tile.height)}",
     )
 
 
@@ -284,8 +339,16 @@ async def degrees(case: Case) -> None:
     """CONF tells fields of view in degrees: above 5, at most 180, the least below the most, the
     default between."""
     tile = (await camera_robot(case)).tile
-    case.expect(5.0 < tile.least_fov <= tile.default_fov <= tile.most_fov <= 180.0, f"{tile}")
-    case.expect(tile.least_fov <= tile.fov <= tile.most_fov, f"the present one of {tile}")
+    case.expect(
+        5.0 < tile.least_fov <= tile.default_fov <= tile.most_fov <= 180.0,
+        f"CameraMinFov, CameraDefFov, CameraMaxFov are {tile.least_fov}, {tile.default_fov}, "
+        f"{tile.most_fov}, not above 5, at most 180 and growing",
+    )
+    case.expect(
+        tile.least_fov <= tile.fov <= tile.most_fov,
+        f"CameraFov is {tile.fov}, not {tile.least_fov} to {tile.most_fov}, CameraMinFov to "
+        "CameraMaxFov",
+    )
 
 
 @images("tiles.grid", "Tiles form a grid", "11.37, 11.40, 2.10")
@@ -299,10 +362,13 @@ async def grid(case: Case) -> None:
 def judge_grid(case: Case, robots: Sequence[Sequence[Tile]]) -> None:
     """Tiles of robots of one class stand on a grid of the largest of them."""
     sizes = [[(tile.width, tile.height) for tile in tiles] for tiles in robots]
-    case.expect(sizes.count(sizes[0]) == len(sizes), f"tiles of several sizes: {sizes}")
+    case.expect(
+        sizes.count(sizes[0]) == len(sizes),
+        f"tiles of robots of one class have several sizes, not one: {sizes}",
+    )
     width, height = (max(side) for side in zip(*sizes[0], strict=True))
     off = [tile for tiles in robots for tile in tiles if tile.x % width or tile.y % height]
-    case.expect(not off, f"not on the grid: {off}")
+    case.expect(not off, f"tiles are not on the grid of {width} x {height}: {off}")
 
 
 @images("tiles.own", "Every camera has its own tile", "11.37, 11.42, 2.10")
@@ -311,7 +377,10 @@ async def own(case: Case) -> None:
     watchers = [await camera_robot(case) for _ in range(2)]
     places = [(tile.x, tile.y) for watcher in watchers for tile in watcher.tiles]
     case.need(places.count((0, 0)) < 2, "two cameras at 0, 0: the tiles may have run out")
-    case.expect(len(set(places)) == len(places), f"cameras share a tile: {places}")
+    case.expect(
+        len(set(places)) == len(places),
+        f"tiles of two robots are at {places}, not each at a place of its own",
+    )
 
 
 async def _alone(case: Case) -> CameraRobot:
@@ -348,9 +417,14 @@ async def lowest(case: Case) -> None:
         await staying.robot.run(1.5)
         newcomer = await camera_robot(case)
         at = (newcomer.tile.x, newcomer.tile.y)
-        case.expect(at == (0, 0), f"tile 0 is free, but the new camera is at {at}")
+        case.expect(
+            at == (0, 0), f"the tile of a new camera is at {at}, not at (0, 0), which is free"
+        )
         again = tiles_of(await ask_conf(staying.robot))
-        case.expect(again == staying.tiles, f"the camera moved from {staying.tiles} to {again}")
+        case.expect(
+            again == staying.tiles,
+            f"tiles of a robot that stays are {again}, not {staying.tiles}, as before",
+        )
 
 
 @images("tiles.two-cameras", "Each camera counts", "11.42, 2.10", Severity.SHOULD)
@@ -365,7 +439,11 @@ async def two_cameras(case: Case) -> None:
         if len(watcher.tiles) > 1:
             places = {(tile.x, tile.y) for tile in watcher.tiles}
             case.need(places != {(0, 0)}, "cameras at 0, 0: the tiles may have run out")
-            case.expect(len(places) == len(watcher.tiles), f"tiles at {places}")
+            case.expect(
+                len(places) == len(watcher.tiles),
+                f"{len(watcher.tiles)} tiles of a robot are at {places}, not each at a place of "
+                "its own",
+            )
             return
         case.release()
     case.skip(f"none of {', '.join(_TWO_CAMERAS)} has two cameras with tiles")
@@ -389,7 +467,10 @@ async def not_blank(case: Case) -> None:
     await watcher.robot.run(1.0)
     client = await ImageClient.open(case)
     spread = float((await _picture(client, watcher.tile)).std())
-    case.expect(spread > 3.0, f"the picture is one colour (spread {spread:.1f} of 255)")
+    case.expect(
+        spread > 3.0,
+        f"the picture of a tile has a spread of {spread:.1f} of 255, not above 3: it is one colour",
+    )
 
 
 @images("content.moves", "Pictures follow the robot", "11.34, 2.6", exclusive=True)
@@ -404,9 +485,16 @@ async def moves(case: Case) -> None:
     await watcher.robot.run(0.5)
     noise = _apart(still, await _picture(client, watcher.tile))
     before, after = await case.drive(watcher.robot, "DRIVE {Left -1.5} {Right 1.5}", 2.0)
-    case.need(abs(before.yaw - after.yaw) > 0.1, "the robot did not turn")
+    case.need(
+        abs(before.yaw - after.yaw) > 0.1,
+        f"the robot turned by {abs(before.yaw - after.yaw):.2f} rad, not by more than 0.1",
+    )
     moved = _apart(still, await _picture(client, watcher.tile))
-    case.need(float(still.std()) > 3.0, "there is nothing to be seen")
+    case.need(
+        float(still.std()) > 3.0,
+        f"the picture has a spread of {float(still.std()):.1f} of 255, not above 3: there is "
+        "nothing to be seen",
+    )
     case.expect(
         moved > noise + 0.5,
         f"the picture after a turn by {abs(before.yaw - after.yaw):.2f} rad differs by {moved:.2f} "
@@ -467,4 +555,4 @@ async def viewports(case: Case) -> None:
         "SET {Type Viewports} {Config 1} {Viewport1 Disable} {Viewport2 NoSuchCamera}",
         "SET {Type Viewports}",
     )
-    case.expect(await robot.client.is_alive(), "the connection is dead after SET {Type Viewports}")
+    await case.expect_alive(robot.client, "SET {Type Viewports}")

@@ -28,7 +28,10 @@ _QUIET = 0.5
 async def _one_frame(case: Case, request: bytes, shown: str) -> ImageClient:
     client = await ImageClient.open(case)
     frame = await client.ask(request)
-    case.expect(frame.payload, f"{shown} was answered by an empty picture")
+    case.expect(
+        frame.payload,
+        f"{shown} is answered by {len(frame.payload)} bytes of payload, not by a picture",
+    )
     await client.ends(f"the one frame that {shown} asks for")
     return client
 
@@ -47,7 +50,7 @@ async def without_robot(case: Case) -> None:
     of robots."""
     client = await ImageClient.open(case)
     frame = await client.ask()
-    case.expect(frame.size > (0, 0), "the full frame is empty")
+    case.expect(frame.size > (0, 0), f"the full frame is {frame.size} pixels, not above (0, 0)")
 
 
 @images("connect.silent", "Says nothing before it is asked", "11.2, 2.1")
@@ -57,7 +60,7 @@ async def silent(case: Case) -> None:
     data = await wire.silence(1.0)
     if data and len(data) == 5 + int.from_bytes(data[1:5]):
         case.skip("it pushes a picture to new clients, as legacy mode does")
-    case.expect(not data, f"{len(data)} bytes came without a request")
+    case.expect(not data, f"{len(data)} bytes came without a request, not 0")
 
 
 @images("connect.idle", "Has no idle timeout", "2.1")
@@ -117,7 +120,7 @@ async def pipelined(case: Case) -> None:
     await client.send(FULL_FRAME * 5)
     for _ in range(5):
         frame = await client.frame()
-        case.expect(frame.size[0], "one of five frames is empty")
+        case.expect(frame.size[0], f"the size of one of five frames is {frame.size}, not above 0")
     await client.ends("five frames for five requests")
 
 
@@ -130,7 +133,9 @@ async def rapid(case: Case) -> None:
         await asyncio.sleep(0.01)
     for number in range(25):
         frame = await client.frame()
-        case.expect(frame.size[0], f"frame {number + 1} of 25 is empty")
+        case.expect(
+            frame.size[0], f"the size of frame {number + 1} of 25 is {frame.size}, not above 0"
+        )
 
 
 @images("request.junk", "Skips bytes that are no request", "2.2")
@@ -165,7 +170,10 @@ async def whole(case: Case) -> None:
     client = await ImageClient.open(case)
     width, height = (await client.ask()).size
     size = (await client.ask(rectangle(0, 0, width, height))).size
-    case.expect(size == (width, height), f"OK gives {width} x {height}, U gives {size}")
+    case.expect(
+        size == (width, height),
+        f"U of the whole frame gives a picture of {size}, not {(width, height)}, as OK",
+    )
 
 
 @images("rectangle.size", "A rectangle has the size asked for", "11.21, 2.2")
@@ -175,7 +183,10 @@ async def size(case: Case) -> None:
     facts = client.facts
     for x, y, width, height in ((0, 0, 16, 8), (5, 3, facts.width // 2, facts.height // 3)):
         frame = await client.ask(rectangle(x, y, width, height))
-        case.expect(frame.size == (width, height), f"not {width} x {height}, but {frame.size}")
+        case.expect(
+            frame.size == (width, height),
+            f"OK gives a picture of {frame.size}, not {(width, height)}",
+        )
 
 
 @images("rectangle.big-endian", "Rectangles are big-endian", "2.2")
@@ -184,8 +195,15 @@ async def big_endian(case: Case) -> None:
     the other way round finds every rectangle out of its frame."""
     client = await ImageClient.open(case)
     frame = await client.ask(rectangle(1, 2, 40, 30))
-    case.expect(not frame.empty, "a rectangle of 40 x 30 at 1, 2 is said to be out of frame")
-    case.expect(frame.size == (40, 30), f"40 x 30 asked for, {frame.size} sent")
+    case.expect(
+        not frame.empty,
+        f"a rectangle of 40 x 30 at 1, 2 is answered by {len(frame.payload)} bytes, as one out of "
+        "the frame, not by a picture",
+    )
+    case.expect(
+        frame.size == (40, 30),
+        f"a rectangle of 40 x 30 gives a picture of {frame.size}, not (40, 30)",
+    )
 
 
 @images("rectangle.qt-padding", "Zero bytes before U are skipped", "11.22, 2.2")
@@ -203,7 +221,10 @@ async def byte_by_byte(case: Case) -> None:
         await client.send(bytes([byte]))
         await asyncio.sleep(0.01)
     frame = await client.frame()
-    case.expect(frame.size == (64, 48), f"64 x 48 asked for, {frame.size} sent")
+    case.expect(
+        frame.size == (64, 48),
+        f"a rectangle of 64 x 48 gives a picture of {frame.size}, not (64, 48)",
+    )
     await client.ends("one U, byte by byte")
 
 
@@ -224,7 +245,10 @@ async def followed(case: Case) -> None:
     facts = client.facts
     sizes = [(await client.frame()).size for _ in range(3)]
     wanted = [(32, 24), (facts.width, facts.height), (24, 32)]
-    case.expect(sizes == wanted, f"sizes {sizes} instead of {wanted}")
+    case.expect(
+        sizes == wanted,
+        f"pictures of U, OK and U in one write have the sizes {sizes}, not {wanted}",
+    )
     await client.ends("U, OK and U")
 
 
@@ -234,7 +258,9 @@ async def _odd(case: Case, *rectangles: tuple[int, int, int, int]) -> None:
         await client.ask(rectangle(*numbers))
         await client.silent(0.2, f"one reply to the rectangle {numbers}")
     frame = await client.ask()
-    case.expect(frame.size[0], "after it OK gives an empty frame")
+    case.expect(
+        frame.size[0], f"OK after odd rectangles gives a frame of {frame.size}, not above 0"
+    )
 
 
 @images("rectangle.outside", "A rectangle outside is answered once", "11.25, 2.7")
@@ -272,7 +298,8 @@ async def empty_form(case: Case) -> None:
     wanted = bytes(4) if frame.raw else b""
     case.expect(
         frame.payload == wanted,
-        f"{len(frame.payload)} bytes of payload instead of {len(wanted)}",
+        f"the picture of a rectangle out of the frame has {len(frame.payload)} bytes of payload, "
+        f"not {len(wanted)}",
     )
 
 
@@ -289,7 +316,10 @@ async def several(case: Case) -> None:
         await client.send(rectangle(0, 0, *size))
     for client, size in zip(clients, sizes, strict=True):
         found = (await client.frame()).size
-        case.expect(found == size, f"a client asked for {size} and got {found}")
+        case.expect(
+            found == size,
+            f"a client that asked for a picture of {size} gets one of {found}, not that",
+        )
 
 
 @images("clients.slow-reader", "Who does not read stops nobody", "11.30, 2.6")
@@ -316,7 +346,8 @@ async def resumes(case: Case) -> None:
         frame = await client.frame()
         case.expect(
             frame.kind == facts.kind and frame.size == (facts.width, facts.height),
-            f"frame {number + 1} of 20 is of type {frame.kind} and {frame.size}",
+            f"frame {number + 1} of 20 has type {frame.kind} and size {frame.size}, not "
+            f"{facts.kind} and {(facts.width, facts.height)}",
         )
     await client.ends("as many frames as requests")
 
@@ -352,7 +383,9 @@ async def robot_leaves(case: Case) -> None:
     watcher.robot.close()
     await case.clock.sleep(1.5)
     after = (await client.ask()).size
-    case.expect(before == after, f"the frame was {before} and is {after}")
+    case.expect(
+        before == after, f"the full frame is {after} after a robot left, not {before}, as before"
+    )
 
 
 # Pictures that nobody asked for.
@@ -364,9 +397,12 @@ async def frame_first(case: Case) -> None:
     facts = await _legacy(case)
     wire = await case.open("images")
     size = (await read_frame(wire)).size
-    case.expect(size == (facts.width, facts.height), f"the first picture is {size}")
+    case.expect(
+        size == (facts.width, facts.height),
+        f"the first picture is {size}, not {(facts.width, facts.height)}",
+    )
     data = await wire.silence(1.0)
-    case.expect(not data, f"{len(data)} bytes follow the first picture")
+    case.expect(not data, f"{len(data)} bytes follow the first picture, not 0")
 
 
 @images("legacy.two-frames", "Legacy mode answers OK as well", "11.28, 2.8")
@@ -378,7 +414,7 @@ async def two_frames(case: Case) -> None:
     for _ in range(2):
         await read_frame(wire)
     data = await wire.silence(1.0)
-    case.expect(not data, f"{len(data)} bytes follow the second picture")
+    case.expect(not data, f"{len(data)} bytes follow the second picture, not 0")
 
 
 async def _legacy(case: Case) -> Facts:
@@ -409,10 +445,10 @@ async def whole_pushes(case: Case) -> None:
     if not data:
         return
     length = 5 + int.from_bytes(data[1:5])
-    case.expect(data[0] == facts.kind, f"it begins with type {data[0]}")
-    case.expect(len(data) == length, f"{len(data)} bytes came, its header names {length}")
+    case.expect(data[0] == facts.kind, f"the picture begins with type {data[0]}, not {facts.kind}")
+    case.expect(len(data) == length, f"{len(data)} bytes came, not {length}, as the header names")
     try:
         await wire.send(FULL_FRAME)
         await read_frame(wire)
     except Hangup as error:
-        case.fail(f"after the pushed picture {error}")
+        case.fail(f"OK after the pushed picture has no answer: {error}")

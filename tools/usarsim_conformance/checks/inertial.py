@@ -194,7 +194,10 @@ async def ins_location(case: Case) -> None:
     if tracks[0].of("Odometry"):
         tracks.append((await _flown(case, "INS")).track)
     for found in map(_location_errors, tracks):
-        case.need(len(found.steps) > 10, "too few INS lines")
+        case.need(
+            len(found.steps) > 10,
+            f"only {len(found.steps)} INS lines with steps between, more than 10 are needed",
+        )
         due = sum((_SIGMA * step[0]) ** 2 for step in found.steps)
         slack = CHANCE * math.sqrt(due) + 0.04
         for axis in range(3):
@@ -204,7 +207,8 @@ async def ins_location(case: Case) -> None:
             worst -= fmean(first) - found.errors[0][axis]
             case.expect(
                 abs(worst) < slack,
-                f"{_AXES[axis]} of Location went {worst:.2f} m astray, {slack:.2f} m may be",
+                f"{_AXES[axis]} of Location of INS goes {worst:.2f} m astray, not less than "
+                f"{slack:.2f} m",
             )
 
 
@@ -237,14 +241,18 @@ async def _orientation_follows(case: Case, type: str) -> None:
         tracks.append((await _flown(case, type)).track)
     for track in tracks:
         found = _orientation_errors(track, type)
-        case.need(len(found.steps) > 10, f"too few {type} lines")
+        case.need(
+            len(found.steps) > 10,
+            f"only {len(found.steps)} {type} lines with steps between, more than 10 are needed",
+        )
         for axis in range(3):
             due = sum((_SIGMA * step[axis]) ** 2 for step in found.steps)
             slack = CHANCE * math.sqrt(due) + 0.05
             worst = max((error[axis] for error in found.errors), key=abs)
             case.expect(
                 abs(worst) < slack,
-                f"{_ANGLES[axis]} of Orientation went {worst:.2f} rad astray, {slack:.2f} may be",
+                f"{_ANGLES[axis]} of Orientation of {type} goes {worst:.2f} rad astray, not less "
+                f"than {slack:.2f} rad",
             )
 
 
@@ -267,16 +275,18 @@ async def compass(case: Case) -> None:
         (line.number("MagneticAngle"), track.truth(time).yaw)
         for time, line in track.of("MagneticCompass")
     ]
-    case.need(len(told) > 10, "too few MagneticCompass lines")
+    case.need(len(told) > 10, f"only {len(told)} MagneticCompass lines, more than 10 are needed")
     away = [turned(yaw, angle) for angle, yaw in told]
     for value, (angle, yaw) in zip(away, told, strict=True):
         case.expect(
             abs(turned(away[0], value)) < 0.05,
-            f"MagneticAngle is {angle:.3f} at yaw {yaw:.3f}, and was {told[0][0]:.3f} "
-            f"at {told[0][1]:.3f}",
+            f"MagneticAngle is {angle:.3f} at yaw {yaw:.3f}, not "
+            f"{math.remainder(yaw + away[0], math.tau):.3f}, for it was {told[0][0]:.3f} at "
+            f"{told[0][1]:.3f}",
         )
     case.expect(
-        all(-math.pi - 1e-3 <= angle <= math.pi + 1e-3 for angle, _ in told), "MagneticAngle wraps"
+        all(-math.pi - 1e-3 <= angle <= math.pi + 1e-3 for angle, _ in told),
+        f"MagneticAngle is up to {max(abs(angle) for angle, _ in told):.3f}, not at most pi",
     )
 
 
@@ -290,16 +300,18 @@ async def altitude(case: Case) -> None:
         (line.number("relativeAltitude"), line.number("absoluteAltitude"), track.truth(time))
         for time, line in track.of("AltitudeSensor")
     ]
-    case.need(len(told) > 10, "too few AltitudeSensor lines")
+    case.need(len(told) > 10, f"only {len(told)} AltitudeSensor lines, more than 10 are needed")
     for relative, absolute, true in told:
         rise = told[0][2].location[2] - true.location[2]
         case.expect(
             abs(relative - told[0][0] - rise) < 0.06,
-            f"relativeAltitude rose by {relative - told[0][0]:.3f} m, the robot by {rise:.3f} m",
+            f"relativeAltitude rises by {relative - told[0][0]:.3f} m, not by {rise:.3f} m, as "
+            "the robot",
         )
         case.expect(
             abs(absolute - relative - 111.0) < 0.01,
-            f"absoluteAltitude is {absolute:.3f} m, relativeAltitude {relative:.3f} m",
+            f"absoluteAltitude is {absolute:.3f} m, not {relative + 111.0:.3f} m, 111 m above "
+            "relativeAltitude",
         )
 
 
@@ -310,7 +322,7 @@ def _judge_acceleration(
     of the world; longer, and what is rounded off would add up, too."""
     track = flight.track
     told = track.of(type)
-    case.need(len(told) > 20, f"too few {type} lines")
+    case.need(len(told) > 20, f"only {len(told)} {type} lines, more than 20 are needed")
     speed = [0.0, 0.0, 0.0]
     downward: list[float] = []
     course: list[tuple[float, list[float], list[float]]] = []
@@ -385,7 +397,7 @@ async def imu_rotation(case: Case) -> None:
     AngularAccel that of AngularVel, each about its own axis."""
     track = (await _flown(case, "IMU")).track
     told = [(time, line) for time, line in track.of("IMU")]
-    case.need(len(told) > 20, "too few IMU lines")
+    case.need(len(told) > 20, f"only {len(told)} IMU lines, more than 20 are needed")
     for time, line in told:
         true = track.truth(time).orientation
         for axis, angle in enumerate(line.numbers("Rotation")):
@@ -403,5 +415,6 @@ async def imu_rotation(case: Case) -> None:
                 found = two.numbers(key)[axis]
                 case.expect(
                     abs(found - change) < 0.05 + 0.05 * abs(change),
-                    f"{_ANGLES[axis]} of {key} is {found:.3f}, {source} changes by {change:.3f}/s",
+                    f"{_ANGLES[axis]} of {key} is {found:.3f}, not {change:.3f}, the change of "
+                    f"{source} per s",
                 )

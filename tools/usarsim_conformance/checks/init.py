@@ -31,7 +31,7 @@ async def spawns(case: Case) -> None:
         asked = [f"GETCONF {{Type {type}}}" for type in ("GroundTruth", "INS", "Odometry", "Sonar")]
         if not any(line.head == "CONF" for line in await client.outcome(*asked)):
             case.skip(f"{robot_class} has no sensors")
-        case.fail("STA comes, but no SEN")
+        case.fail(f"STA of {robot_class} comes, but no SEN")
 
 
 @control("init.silent", "INIT has no direct reply", "6, no. 69")
@@ -43,8 +43,13 @@ async def silent(case: Case) -> None:
     line = await client.wait(lambda line: True, PATIENCE, "line")
     if line.head == "CONF" and line.type == "Camera":
         return  # sent unasked to whoever has a camera (side channels reference 11, no. 38)
-    case.expect(line.head not in ("RES", "CONF", "GEO"), f"INIT was answered: {line}")
-    case.expect(line.head != "NFO" or "Status" in line.names, f"INIT was answered: {line}")
+    case.expect(
+        line.head not in ("RES", "CONF", "GEO"), f"INIT is answered by {line}, not by STA or SEN"
+    )
+    case.expect(
+        line.head != "NFO" or "Status" in line.names,
+        f"INIT is answered by {line}, not by STA or SEN",
+    )
 
 
 @control("init.quiet-period", "A quiet time follows INIT", "6, no. 70 and 1.8")
@@ -52,7 +57,10 @@ async def quiet_period(case: Case) -> None:
     """The first STA or SEN comes not before 0.25 s of simulated time after INIT, so that replies to
     requests sent with it go out first."""
     waited = await _waited(case)
-    case.expect(waited >= _QUIET, f"the first line came after {waited:.3f} s")
+    case.expect(
+        waited >= _QUIET,
+        f"the first line comes {waited:.3f} s after INIT, not {_QUIET:g} s at least",
+    )
 
 
 @control("init.prompt", "The first STA comes in time", "6, no. 70", Severity.INFORMATIVE)
@@ -60,7 +68,10 @@ async def prompt(case: Case) -> None:
     """The first STA comes not later than 2 s of simulated time after INIT. Servers build a robot
     while the world goes on, which takes wall time: informative."""
     waited = await _waited(case)
-    case.expect(waited <= _PROMPT, f"the first line came after {waited:.2f} s only")
+    case.expect(
+        waited <= _PROMPT,
+        f"the first line comes {waited:.2f} s after INIT, not {_PROMPT:g} s at most",
+    )
 
 
 async def _waited(case: Case) -> float:
@@ -76,7 +87,7 @@ async def unknown_class(case: Case) -> None:
     client = await case.connect()
     await client.send("INIT {ClassName USARBot.NoSuchRobotAtAll} {Name x} {Location 0,0,0}")
     lines = await client.listen(1.2)
-    case.expect(not lines, f"an unknown class was answered: {lines[:1]}")
+    case.expect_silence(lines, "INIT with an unknown class")
     await case.spawn(client=client)
 
 
@@ -195,7 +206,8 @@ async def location(case: Case) -> None:
     away = math.dist(pose.location[:2], place.location[:2])
     case.expect(
         away < 0.05,
-        f"Location is {pose.location} after INIT with {place.location}, {away:.2f} m off",
+        f"Location is {pose.location} after INIT with {place.location}, {away:.2f} m off, not "
+        "within 0.05 m",
     )
     _judge_yaw(case, pose, _YAW, "INIT with Rotation")
 
@@ -217,7 +229,9 @@ async def battery(case: Case) -> None:
     value = robot.first.number("Battery")
     if value == 99999 or math.isnan(value):
         case.skip("the robot has no battery")
-    case.expect(280 <= value <= 300, f"STA shows Battery {value:g}")
+    case.expect(
+        280 <= value <= 300, f"Battery of STA is {value:g} after INIT with 300, not 280 to 300"
+    )
 
 
 @once("init.second", "A second INIT is no second robot", "6, no. 79")
@@ -233,10 +247,14 @@ async def second(case: Case) -> None:
     after = await robot.pose()
     case.expect(
         math.dist(before.location, after.location) < 0.3,
-        f"the connection now owns a robot at {after.location}",
+        f"Location is {after.location} after a second INIT, not {before.location}, as before it",
     )
     times = [line.time for line in lines if line.head == "STA"]
-    case.expect(len(set(times)) == len(times), "two STA lines for one moment")
+    case.expect(
+        len(set(times)) == len(times),
+        f"{len(times)} STA lines have {len(set(times))} values of Time, not one each: two lines "
+        "for one moment",
+    )
 
 
 @control("init.start", "Spawns at a start position", "6, no. 76 and 83")
@@ -250,7 +268,9 @@ async def start(case: Case) -> None:
     robot = await case.spawn(place=place, init=init)
     pose = await robot.pose()
     away = math.dist(pose.location[:2], place.location[:2])
-    case.expect(away < 0.1, f"Start {tag} led to {pose.location} instead of {place.location}")
+    case.expect(
+        away < 0.1, f"Location is {pose.location} after INIT with Start {tag}, not {place.location}"
+    )
     _judge_yaw(case, pose, place.rotation[2], f"INIT with Start {tag}")
 
 
@@ -286,9 +306,9 @@ async def unknown_start(case: Case) -> None:
 async def start_poses(case: Case) -> None:
     """GETSTARTPOSES is answered before INIT and after it."""
     client = await case.connect()
-    case.expect(await client.is_alive(), "no answer before INIT")
+    await case.expect_alive(client, "connecting, before INIT")
     robot = await case.spawn(client=client)
-    case.expect(await robot.client.is_alive(), "no answer after INIT")
+    await case.expect_alive(robot.client, "INIT")
 
 
 @once("init.start-poses-count", "StartPoses counts what follows", "6, no. 81")
@@ -297,9 +317,12 @@ async def start_poses_count(case: Case) -> None:
     second segment exists."""
     line = await (await case.connect()).ask("GETSTARTPOSES", "NFO {StartPoses")
     count = line.get("StartPoses") or ""
-    case.expect(re.fullmatch(r"\d+", count), f"StartPoses is {count!r}")
+    case.expect(re.fullmatch(r"\d+", count), f"StartPoses is {count!r}, not an integer")
     words = " ".join(f"{name} {value}" for name, value in line.segments[1:]).split()
-    case.expect(len(words) == 3 * int(count), f"{count} poses are announced: {line}")
+    case.expect(
+        len(words) == 3 * int(count),
+        f"StartPoses is {count}, not {len(words) / 3:g}, as many groups as follow: {line}",
+    )
 
 
 @unreal("init.start-poses-form", "Start poses in the flat form", "6, no. 82")
@@ -310,7 +333,11 @@ async def start_poses_form(case: Case) -> None:
     vector = rf"{number},{number},{number}"
     group = rf"[^ {{}}]+ {vector} {vector}"
     pattern = rf"NFO \{{StartPoses \d+\}}( \{{{group}( {group})*\}})?"
-    case.expect(re.fullmatch(pattern, line.text), f"another form: {line}")
+    case.expect(
+        re.fullmatch(pattern, line.text),
+        "StartPoses has another form, not groups of tag x,y,z r,p,y with single blanks between: "
+        f"{line}",
+    )
 
 
 @udk("init.path-nodes", "GETPATHNODES lists path nodes", "6, no. 84", Severity.SHOULD)
@@ -318,9 +345,12 @@ async def path_nodes(case: Case) -> None:
     """GETPATHNODES is answered by `NFO {PathNodes n}` with n groups in a second segment."""
     line = await (await case.connect()).ask("GETPATHNODES", "NFO {PathNodes")
     count = line.get("PathNodes") or ""
-    case.expect(re.fullmatch(r"\d+", count), f"PathNodes is {count!r}")
+    case.expect(re.fullmatch(r"\d+", count), f"PathNodes is {count!r}, not an integer")
     words = " ".join(f"{name} {value}" for name, value in line.segments[1:]).split()
-    case.expect(len(words) == 3 * int(count), f"{count} nodes are announced: {line}")
+    case.expect(
+        len(words) == 3 * int(count),
+        f"PathNodes is {count}, not {len(words) / 3:g}, as many groups as follow: {line}",
+    )
 
 
 @udk("init.closest-node", "GETCLOSESTPATHNODE needs a Location", "6, no. 84", Severity.SHOULD)
@@ -328,4 +358,4 @@ async def closest_node(case: Case) -> None:
     """GETCLOSESTPATHNODE without Location is not answered."""
     client = await case.connect()
     lines = await client.outcome("GETCLOSESTPATHNODE")
-    case.expect(not lines, f"it was answered: {lines[:1]}")
+    case.expect_silence(lines, "GETCLOSESTPATHNODE without Location")

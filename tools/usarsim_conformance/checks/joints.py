@@ -195,8 +195,8 @@ async def both_limits(case: Case) -> None:
             words = "MaxRange (MaxValue)" if side == "high" else "MinRange (MinValue)"
             case.expect(
                 abs(found - wanted) < 0.05,
-                f"{arm.class_name}: link {link} of {arm.name} stops at {found:.3f}, {words} of "
-                f"CONF is {wanted:.3f}",
+                f"{arm.class_name}: link {link} of {arm.name} stops at {found:.3f}, not at "
+                f"{wanted:.3f}, {words} of CONF",
             )
     if not judged:
         case.skip("no link has limits that it reaches in 15 s")
@@ -217,8 +217,8 @@ async def arm_speed(case: Case) -> None:
         judged += 1
         case.expect(
             near(-rate, told, 0.15, 0.02),
-            f"{arm.class_name}: link {link} of {arm.name} moves by {rate:.3f} per s, MaxSpeed of "
-            f"CONF is {told}",
+            f"{arm.class_name}: link {link} of {arm.name} moves by {rate:.3f} per s, not by "
+            f"{-told:.3f}, MaxSpeed of CONF",
         )
     if not judged:
         case.skip("CONF tells no speeds")
@@ -255,7 +255,7 @@ async def arm_order(case: Case) -> None:
             case.expect(
                 near(found, wanted, 0.2),
                 f"{arm.class_name}: link {link} of {arm.name} moves by {found:.3f} per s after "
-                f"{arm[leg].command}: Order 1",
+                f"{arm[leg].command}, not by {wanted:.3f}: Order 1",
             )
     if not judged:
         case.skip("no link has limits that it reaches in 15 s")
@@ -274,7 +274,7 @@ async def torque(case: Case) -> None:
                     case.expect(
                         abs(value) <= 1.02 * told.torque + 0.01,
                         f"{arm.class_name}: Torque of link {link + 1} of {arm.name} is {value}, "
-                        f"MaxTorque of CONF is {told.torque}",
+                        f"not at most {told.torque}, MaxTorque of CONF",
                     )
 
 
@@ -324,7 +324,8 @@ async def each_joint(case: Case) -> None:
             case.expect(
                 any(good) and within,
                 f"{trip.class_name}: {name} of STA was {at:.3f}, told to change by {step:g} and "
-                f"{-step:g} it changed by {plus:.3f} and {minus:.3f}",
+                f"{-step:g} it changed by {plus:.3f} and {minus:.3f}, not by so much, nor by less "
+                "at a limit",
             )
     if not judged:
         case.skip("STA tells no joints")

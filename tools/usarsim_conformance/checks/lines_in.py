@@ -6,7 +6,7 @@ import asyncio
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.checks.values import lit
-from usarsim_conformance.control import ControlClient
+from usarsim_conformance.control import REPLY, ControlClient
 from usarsim_conformance.lines import Line
 from usarsim_conformance.registry import control, once, unreal
 
@@ -33,7 +33,7 @@ async def _ended_by(case: Case, end: bytes) -> None:
     client = await case.connect()
     await client.send_bytes(b"GETSTARTPOSES" + end)
     count = await _answers(client)
-    case.expect(count == 1, f"GETSTARTPOSES ended by {end!r} was answered {count} times, not once")
+    case.expect(count == 1, f"GETSTARTPOSES ended by {end!r} is answered {count} times, not once")
 
 
 @once("input.crlf", "CR LF ends a command", "6, no. 21")
@@ -73,7 +73,9 @@ async def one_packet(case: Case) -> None:
     robot = await case.spawn()
     await robot.client.send_bytes(b"GETCONF {Type Robot}\r\nGETGEO {Type Robot}\r\n")
     first = await robot.wait(_is_reply, what="reply")
-    case.expect(first.head == "CONF", f"the second command was answered first: {first}")
+    case.expect(
+        first.head == "CONF", f"the first reply to CONF and GEO in one packet is {first}, not CONF"
+    )
     await robot.wait("GEO {")
 
 
@@ -85,7 +87,7 @@ async def byte_by_byte(case: Case) -> None:
         await client.send_bytes(bytes([byte]))
         await asyncio.sleep(0.01)
     count = await _answers(client)
-    case.expect(count == 1, f"it was answered {count} times, not once")
+    case.expect(count == 1, f"a command of one byte per packet is answered {count} times, not once")
 
 
 @once("input.split", "A command in two packets", "6, no. 26")
@@ -96,7 +98,7 @@ async def split(case: Case) -> None:
     await case.clock.sleep(0.2)
     await client.send_bytes(b"POSES\r\n")
     count = await _answers(client)
-    case.expect(count == 1, f"it was answered {count} times, not once")
+    case.expect(count == 1, f"a command in two packets is answered {count} times, not once")
 
 
 @once("input.split-end", "CR and LF in two packets", "6, no. 24")
@@ -107,7 +109,7 @@ async def split_end(case: Case) -> None:
     await case.clock.sleep(0.2)
     await client.send_bytes(b"\nGETSTARTPOSES\r\n")
     count = await _answers(client, 2)
-    case.expect(count == 2, f"two commands were answered {count} times")
+    case.expect(count == 2, f"two commands are answered {count} times, not twice")
 
 
 @once("input.unended", "No end, no execution", "6, no. 27")
@@ -116,10 +118,14 @@ async def unended(case: Case) -> None:
     client = await case.connect()
     await client.send_bytes(b"GETSTARTPOSES")
     count = await _answers(client, 0)
-    case.expect(count == 0, "it was executed although its line had not ended")
+    case.expect(
+        count == 0, f"a command whose line has not ended is answered {count} times, not 0 times"
+    )
     await client.send_bytes(b"\r\n")
     count = await _answers(client)
-    case.expect(count == 1, f"once ended, it was answered {count} times")
+    case.expect(
+        count == 1, f"a command is answered {count} times once its line has ended, not once"
+    )
 
 
 @once("input.blank-lines", "Blank lines do nothing", "6, no. 28")
@@ -128,8 +134,8 @@ async def blank_lines(case: Case) -> None:
     client = await case.connect()
     await client.send_bytes(b"\r\n" * 10 + b"\n" * 5 + b" \t\r\n" * 5)
     lines = await client.listen(0.6)
-    case.expect(not lines, f"blank lines were answered: {lines[:1]}")
-    case.expect(await client.is_alive(), "the connection no longer answers")
+    case.expect_silence(lines, "blank lines")
+    await case.expect_alive(client, "blank lines")
 
 
 @unreal("input.glued", "Commands glued to a brace", "6, no. 29")
@@ -144,7 +150,8 @@ async def glued(case: Case) -> None:
         await robot.client.maybe(
             lambda line: line.head == "STA" and line.get("LightToggle") == "True"
         ),
-        "the DRIVE behind the SET was not executed",
+        f"LightToggle of STA is not True within {REPLY:g} s: the DRIVE behind the SET was not "
+        "executed",
     )
 
 
@@ -168,7 +175,10 @@ async def init_packet(case: Case) -> None:
     )
     lines = [await client.wait(_is_reply, what="CONF and GEO") for _ in range(2)]
     heads = [line.head for line in lines]
-    case.expect(heads == ["CONF", "GEO"], f"replies came as {heads}")
+    case.expect(
+        heads == ["CONF", "GEO"],
+        f"replies to GETCONF and GETGEO behind INIT come as {heads}, not as CONF and GEO",
+    )
 
 
 @once("input.outer-blanks", "Blanks around a command", "6, no. 31")
@@ -177,7 +187,7 @@ async def outer_blanks(case: Case) -> None:
     client = await case.connect()
     await client.send_bytes(b" \t GETSTARTPOSES \t \r\n")
     count = await _answers(client)
-    case.expect(count == 1, f"it was answered {count} times, not once")
+    case.expect(count == 1, f"a command with blanks around it is answered {count} times, not once")
 
 
 @once(
@@ -191,4 +201,6 @@ async def before_greeting(case: Case) -> None:
     client = await case.connect(greet=False)
     await client.send("GETSTARTPOSES", "GETSTARTPOSES")
     count = await _answers(client, 2)
-    case.expect(count == 2, f"it was answered {count} times, not twice")
+    case.expect(
+        count == 2, f"two commands before the greeting are answered {count} times, not twice"
+    )

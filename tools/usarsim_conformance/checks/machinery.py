@@ -33,10 +33,16 @@ async def _ride(case: Case, truth: LineClient, name: str) -> float:
         found = actor(WireLine(line.encode("latin-1")))
         case.need(found is not None, f"the truth port does not list {name}")
         assert found is not None
-        case.expect(await truth.line() == "{End}", f"more than one object of the name {name}")
+        case.expect(
+            await truth.line() == "{End}",
+            f"the truth port lists more than one object of the name {name}, not 1",
+        )
         told.append(found)
     one, other = told
-    case.need(other.time > one.time, "the truth port tells no time that passes")
+    case.need(
+        other.time > one.time,
+        f"Time of the truth port is {one.time} and then {other.time}, not more",
+    )
     return (other.location[0] - one.location[0]) / (other.time - one.time)
 
 
@@ -85,7 +91,9 @@ async def door(case: Case) -> None:
         await robot.run(3.5)
         ranges = (await robot.sensor("RangeScanner")).numbers("Range")
         robot.close()
-        case.need(len(ranges) > 2, "the RangeScanner tells too few ranges")
+        case.need(
+            len(ranges) > 2, f"the RangeScanner tells only {len(ranges)} ranges, 3 are needed"
+        )
         ahead = ranges[len(ranges) // 2]
         is_open = ahead > away + 1.0
         case.expect(
@@ -119,11 +127,13 @@ async def path_node(case: Case) -> None:
     told = await _nodes(case, client)
     heard = await client.outcome(f"GOTO {{Name {_NODES[-1]}}}", seconds=13.0)
     lines = [line for line in heard if line.head == "STA"]
-    case.need(len(lines) > 20, "the avatar tells too little")
+    case.need(
+        len(lines) > 20, f"the avatar sends only {len(lines)} STA lines, more than 20 are needed"
+    )
     way = [line.numbers("Location") for line in lines]
     case.expect(
         lines[-1].get("Walking") != "True",
-        f"Walking is still True 13 s after GOTO of a path node 10 m away: Location {way[-1]}",
+        f"Walking is True 13 s after GOTO of a path node 10 m away, not False: Location {way[-1]}",
     )
     for node, places in zip(_NODES, (way, way[-1:]), strict=True):
         off = min(math.dist(place[:2], told[node][:2]) for place in places)

@@ -37,11 +37,13 @@ async def _rolling(robot: Robot, *commands: str, seconds: float = 1.0) -> tuple[
 async def forward(case: Case) -> None:
     """`DRIVE {Left v} {Right v}` with v above zero drives forward along the robot's x."""
     ahead, side, turn = (await driven(case)).phases["forward"].moved
-    case.expect(ahead > 0.05, f"it went {ahead:.2f} m forward, not more than 0.05")
+    case.expect(
+        ahead > 0.05, f"a robot that drives forward goes {ahead:.2f} m ahead, not above 0.05 m"
+    )
     case.expect(
         abs(side) < 0.3 * ahead and abs(turn) < 0.4,
-        f"it went {ahead:.2f} m forward and {side:.2f} m right and turned by {turn:.2f} rad, not "
-        "straight ahead",
+        f"a robot that drives forward goes {ahead:.2f} m ahead and {side:.2f} m right and turns "
+        f"by {turn:.2f} rad, not straight on",
     )
 
 
@@ -49,7 +51,9 @@ async def forward(case: Case) -> None:
 async def back(case: Case) -> None:
     """`DRIVE {Left -v} {Right -v}` drives back."""
     ahead, _, _ = (await driven(case)).phases["back"].moved
-    case.expect(ahead < -0.05, f"it went {ahead:.2f} m forward, not more than 0.05 back")
+    case.expect(
+        ahead < -0.05, f"a robot that drives back goes {ahead:.2f} m ahead, not below -0.05 m"
+    )
 
 
 @unreal("motion.clockwise", "Left forward, right back turns clockwise", "6, no. 143")
@@ -57,14 +61,22 @@ async def clockwise(case: Case) -> None:
     """`DRIVE {Left v} {Right -v}` turns clockwise seen from above: left and right are not
     swapped. Clockwise is what increases odometry theta and, with z down, yaw."""
     _, _, turn = (await driven(case)).phases["clockwise"].moved
-    case.expect(turn > _TURNS, f"yaw changed by {turn:.2f} rad, which should be above {_TURNS:g}")
+    case.expect(
+        turn > _TURNS,
+        f"yaw changes by {turn:.2f} rad, not by more than {_TURNS:g} rad, with Left above 0 and "
+        "Right below 0",
+    )
 
 
 @unreal("motion.anticlockwise", "Right forward, left back turns anticlockwise", "6, no. 143")
 async def anticlockwise(case: Case) -> None:
     """`DRIVE {Left -v} {Right v}` turns anticlockwise seen from above."""
     _, _, turn = (await driven(case)).phases["anticlockwise"].moved
-    case.expect(turn < -_TURNS, f"yaw changed by {turn:.2f} rad, which should be below {-_TURNS:g}")
+    case.expect(
+        turn < -_TURNS,
+        f"yaw changes by {turn:.2f} rad, not by less than {-_TURNS:g} rad, with Left below 0 and "
+        "Right above 0",
+    )
 
 
 @unreal("motion.in-place", "Opposite speeds turn on the spot", "3.4.1", Severity.SHOULD)
@@ -73,7 +85,8 @@ async def in_place(case: Case) -> None:
     ahead, side, _ = (await driven(case)).phases["clockwise"].moved
     case.expect(
         math.hypot(ahead, side) < 0.25,
-        f"it moved by {math.hypot(ahead, side):.2f} m, not by less than 0.25",
+        f"a robot with opposite speeds moves by {math.hypot(ahead, side):.2f} m, not by less than "
+        "0.25 m",
     )
 
 
@@ -84,9 +97,13 @@ async def stops(case: Case) -> None:
     ahead, side, turn = phase.moved
     case.expect(
         math.hypot(ahead, side) < 0.08,
-        f"it rolled on by {math.hypot(ahead, side):.2f} m, not by less than 0.08",
+        f"the robot rolls on by {math.hypot(ahead, side):.2f} m after Left 0 and Right 0, not by "
+        "less than 0.08 m",
     )
-    case.expect(abs(turn) < 0.3, f"it turned on by {turn:.2f} rad, not by less than 0.3")
+    case.expect(
+        abs(turn) < 0.3,
+        f"the robot turns on by {turn:.2f} rad after Left 0 and Right 0, not by less than 0.3 rad",
+    )
 
 
 @control("motion.rests", "A robot at rest stays", "robots reference 5.3, no. 64")
@@ -95,9 +112,11 @@ async def rests(case: Case) -> None:
     ahead, side, turn = (await driven(case)).phases["rest"].moved
     case.expect(
         math.hypot(ahead, side) < 0.03,
-        f"it crept by {math.hypot(ahead, side):.3f} m, not by less than 0.03",
+        f"a robot at rest moves by {math.hypot(ahead, side):.3f} m, not by less than 0.03 m",
     )
-    case.expect(abs(turn) < 0.03, f"it turned by {turn:.3f} rad, not by less than 0.03")
+    case.expect(
+        abs(turn) < 0.03, f"a robot at rest turns by {turn:.3f} rad, not by less than 0.03 rad"
+    )
 
 
 @control("motion.speed", "WheelRadius predicts the speed", "6, no. 132", Severity.SHOULD)
@@ -113,7 +132,11 @@ async def speed(case: Case) -> None:
     case.need(times[1] > times[0], "GroundTruth has no Time")
     gone = math.dist(first.numbers("Location")[:2], last.numbers("Location")[:2])
     found, wanted = gone / (times[1] - times[0]), drive.speed * drive.radius
-    case.expect(abs(found - wanted) < 0.1 * wanted + 0.02, f"{found:.3f} m/s, not {wanted:.3f}")
+    case.expect(
+        abs(found - wanted) < 0.1 * wanted + 0.02,
+        f"Location of GroundTruth changes by {found:.3f} m/s with wheels at {drive.speed:.2f} "
+        f"rad/s, not by {wanted:.3f} m/s: speed of wheels times WheelRadius",
+    )
 
 
 @unreal("motion.turn-rate", "WheelSeparation predicts turning", "6, no. 132", Severity.INFORMATIVE)
@@ -128,7 +151,11 @@ async def turn_rate(case: Case) -> None:
     angles = [line.numbers("Orientation")[2] for line in lines[len(lines) // 3 :]]
     found = sum(turned(a, b) for a, b in pairwise(angles)) / (last.time - first.time)
     wanted = 2.0 * drive.speed * drive.radius / drive.separation
-    case.expect(abs(found - wanted) < 0.1 * wanted, f"{found:.2f} rad/s, not {wanted:.2f}")
+    case.expect(
+        abs(found - wanted) < 0.1 * wanted,
+        f"yaw of GroundTruth changes by {found:.2f} rad/s, not by {wanted:.2f} rad/s: WheelRadius "
+        "times Left less Right over WheelSeparation",
+    )
 
 
 @once("motion.persists", "A command stays in force", "6, no. 144")
@@ -141,7 +168,8 @@ async def persists(case: Case) -> None:
     await robot.run(4.0)
     _, rate = await _rolling(robot)
     case.expect(
-        abs(rate) > 0.012, f"after 5 s it turns at {rate:.3f} rad/s, not at more than 0.012"
+        abs(rate) > 0.012,
+        f"yaw changes by {rate:.3f} rad/s 5 s after the command, not by more than 0.012 rad/s",
     )
 
 
@@ -166,7 +194,11 @@ async def clamped(case: Case) -> None:
     """Commanding more than MaxSpeed of CONF gives MaxSpeed."""
     found, radius, limit = await _cruising(case, "DRIVE {Left 1000} {Right 1000}")
     wanted = limit * radius
-    case.expect(abs(found - wanted) < 0.2 * wanted, f"{found:.3f} m/s, not {wanted:.3f}")
+    case.expect(
+        abs(found - wanted) < 0.2 * wanted,
+        f"the robot drives at {found:.3f} m/s with 1000 rad/s, not at {wanted:.3f} m/s, as with "
+        "MaxSpeed of CONF",
+    )
 
 
 @unreal("motion.normalized", "Normalized is percent", "6, no. 146", exclusive=True)
@@ -174,7 +206,11 @@ async def normalized(case: Case) -> None:
     """`DRIVE {Left 50} {Right 50} {Normalized true}` runs at half of MaxSpeed."""
     found, radius, limit = await _cruising(case, "DRIVE {Left 50} {Right 50} {Normalized true}")
     wanted = 0.5 * limit * radius
-    case.expect(abs(found - wanted) < 0.2 * wanted, f"{found:.3f} m/s, not {wanted:.3f}")
+    case.expect(
+        abs(found - wanted) < 0.2 * wanted,
+        f"the robot drives at {found:.3f} m/s with Normalized 50, not at {wanted:.3f} m/s, half "
+        "of MaxSpeed of CONF",
+    )
 
 
 async def _after_normalized(case: Case) -> tuple[float, float, float]:
@@ -192,14 +228,22 @@ async def _after_normalized(case: Case) -> tuple[float, float, float]:
 async def normalized_once(case: Case) -> None:
     """In ut2004 a DRIVE without Normalized is in rad/s, whatever the one before was."""
     found, plain, _ = await _after_normalized(case)
-    case.expect(abs(found - plain) < 0.25 * plain, f"{found:.3f} m/s, not {plain:.3f}")
+    case.expect(
+        abs(found - plain) < 0.25 * plain,
+        f"the robot drives at {found:.3f} m/s without Normalized, not at {plain:.3f} m/s: Left "
+        "and Right in rad/s",
+    )
 
 
 @udk("motion.normalized-sticky", "Normalized sticks in udk", "6, no. 147")
 async def normalized_sticky(case: Case) -> None:
     """In udk ground vehicles remember Normalized until it is sent again."""
     found, _, percent = await _after_normalized(case)
-    case.expect(abs(found - percent) < _STILL, f"{found:.3f} m/s, not {percent:.3f}")
+    case.expect(
+        abs(found - percent) < _STILL,
+        f"the robot drives at {found:.3f} m/s without Normalized, which was sent before, not at "
+        f"{percent:.3f} m/s: Left and Right in percent",
+    )
 
 
 async def _one_side(case: Case) -> tuple[float, float]:
@@ -213,7 +257,10 @@ async def _one_side(case: Case) -> tuple[float, float]:
 async def one_side(case: Case) -> None:
     """In ut2004 `DRIVE {Left v}` alone keeps the right side: the robot turns clockwise."""
     _, rate = await _one_side(case)
-    case.expect(rate > 0.012, f"yaw changes by {rate:.3f} rad/s, not by more than 0.012")
+    case.expect(
+        rate > 0.012,
+        f"yaw changes by {rate:.3f} rad/s with Left alone, not by more than 0.012 rad/s",
+    )
 
 
 @udk("motion.one-side-udk", "One side alone does nothing in udk", "6, no. 148")
@@ -222,7 +269,8 @@ async def one_side_udk(case: Case) -> None:
     speed, rate = await _one_side(case)
     case.expect(
         abs(speed) < _STILL and abs(rate) < 0.05,
-        f"it drives at {speed:.3f} m/s and {rate:.3f} rad/s, not below {_STILL:g} and 0.05",
+        f"the robot drives at {speed:.3f} m/s and {rate:.3f} rad/s with Left alone, not below "
+        f"{_STILL:g} m/s and 0.05 rad/s",
     )
 
 
@@ -236,7 +284,11 @@ async def unknown_name(case: Case) -> None:
         robot, f"DRIVE {{Name robot_0}} {{Left {value}}} {{Right {value}}}", seconds=0.6
     )
     wanted = value * radius
-    case.expect(found > 0.5 * wanted, f"it drives at {found:.3f} m/s, not at about {wanted:.3f}")
+    case.expect(
+        found > 0.5 * wanted,
+        f"the robot drives at {found:.3f} m/s after DRIVE with an unknown Name, not at about "
+        f"{wanted:.3f} m/s",
+    )
 
 
 @once("motion.segments-of-all", "Segments of all vehicle kinds at once", "5.1.2")
@@ -252,7 +304,11 @@ async def segments_of_all(case: Case) -> None:
         " {RotationalVelocity 0.00}",
         seconds=0.5,
     )
-    case.expect(abs(found) < 0.05, f"it drives on at {found:.3f} m/s, not below 0.05")
+    case.expect(
+        abs(found) < 0.05,
+        f"the robot drives on at {found:.3f} m/s after DRIVE with zeros for all vehicles, not "
+        "below 0.05 m/s",
+    )
 
 
 @unreal("motion.flip", "Flip does an upright robot no harm", "6, no. 153")
@@ -262,9 +318,14 @@ async def flip(case: Case) -> None:
     await robot.run(0.6)
     before, after = await case.drive(robot, "DRIVE {Flip True}", 1.5)
     moved = math.dist(before.location[:2], after.location[:2])
-    case.expect(moved < 0.2, f"it moved by {moved:.2f} m, not by less than 0.2")
+    case.expect(
+        moved < 0.2, f"an upright robot moves by {moved:.2f} m with Flip, not by less than 0.2 m"
+    )
     tilt = max(abs(turned(0.0, angle)) for angle in after.orientation[:2])
-    case.expect(tilt < 0.2, f"it is tilted by {tilt:.2f} rad, not by less than 0.2")
+    case.expect(
+        tilt < 0.2,
+        f"an upright robot is tilted by {tilt:.2f} rad after Flip, not by less than 0.2 rad",
+    )
 
 
 @ut2004("motion.flip-over", "Flip rights an overturned robot", "6, no. 153")
@@ -283,7 +344,11 @@ async def flip_over(case: Case) -> None:
     await robot.send("DRIVE {Flip True}")
     await robot.run(2.0)
     tilt = max(abs(turned(0.0, angle)) for angle in (await robot.pose()).orientation[:2])
-    case.expect(tilt < 0.3, f"it is still tilted by {tilt:.2f} rad, not by less than 0.3")
+    case.expect(
+        tilt < 0.3,
+        f"an overturned robot is still tilted by {tilt:.2f} rad after Flip, not by less than 0.3 "
+        "rad",
+    )
 
 
 @ut2004("motion.wheel-by-wheel", "Wheels one by one", "6, no. 150", Severity.SHOULD)
@@ -296,7 +361,11 @@ async def wheel_by_wheel(case: Case) -> None:
     groups = " ".join(f"{{WheelNumber {n}}} {{WheelSpeed {value}}}" for n in range(4))
     found, _ = await _rolling(robot, f"DRIVE {groups}", seconds=0.6)
     wanted = value * radius
-    case.expect(found > 0.4 * wanted, f"it drives at {found:.3f} m/s, not at about {wanted:.3f}")
+    case.expect(
+        found > 0.4 * wanted,
+        f"the robot drives at {found:.3f} m/s with WheelSpeed of each wheel, not at about "
+        f"{wanted:.3f} m/s",
+    )
 
 
 @once("motion.order", "Commands are executed in order", "1.8")
@@ -309,5 +378,6 @@ async def in_order(case: Case) -> None:
     )  # fmt: skip
     case.expect(
         abs(found) < 0.05 and abs(rate) < 0.1,
-        f"it drives at {found:.3f} m/s and {rate:.3f} rad/s, not below 0.05 and 0.1",
+        f"the robot drives at {found:.3f} m/s and {rate:.3f} rad/s, not below 0.05 m/s and 0.1 "
+        "rad/s: the last of the commands is zero",
     )

@@ -50,7 +50,10 @@ async def poses(case: Case) -> None:
         place = Place(None, place.location, (0.2, -0.3, 0.6))
         name = await create(case, client, place, _BAR)
         line = await status_of(client, name)
-        case.expect(line.get("Memory") == "red", f"Memory after Create with red: {line}")
+        case.expect(
+            line.get("Memory") == "red",
+            f"Memory is {line.get('Memory')!r} after Create with red, not 'red': {line}",
+        )
         await _is_at(case, client, name, place, "Create")
         place = Place(None, lot.moved(2.0, -3.0, -_HIGH - 1.0).location, (-0.1, 0.25, -0.9))
         await client.send(f"CONTROL {{Type AbsMove}} {{Name {name}}} {place.coordinates}")
@@ -79,7 +82,7 @@ async def _is_at(case: Case, client: ControlClient, name: str, place: Place, aft
         for key, values in (("Location", place.location), ("Rotation", place.rotation))
         if not _same(line, key, values, 0.02)
     ]
-    case.fail(f"after {after}: {'; '.join(wrong)}")
+    case.fail(f"GetSTA after {after} does not tell what was sent: {'; '.join(wrong)}")
 
 
 _AHEAD = 3.0
@@ -198,7 +201,10 @@ async def rotates(case: Case) -> None:
             line = await status_of(client, names[-1])
             return any(abs(turned(0.0, angle)) > 0.015 for angle in line.numbers("Rotation"))
 
-        case.expect(await case.soon(turns, _SOON), "Rotation stays as it is with Rotate")
+        case.expect(
+            await case.soon(turns, _SOON),
+            f"Rotation of an object with Rotate does not change within {_SOON:g} s",
+        )
         first = [await _timed(case, client, name) for name in names]
         await case.clock.sleep(6.0)
         for axis, (name, before) in enumerate(zip(names, first, strict=True)):
@@ -210,7 +216,8 @@ async def rotates(case: Case) -> None:
             case.expect(
                 _SPIN * low * 0.95 - 0.01 <= angle <= _SPIN * high * 1.05 + 0.01,
                 f"Rotation of an object with Rotate about axis {axis} (roll, pitch, yaw) changes "
-                f"by {angle:.2f} rad in {low:.1f} to {high:.1f} s, Speed is {_SPIN}",
+                f"by {angle:.2f} rad in {low:.1f} to {high:.1f} s, not by {_SPIN * low:.2f} to "
+                f"{_SPIN * high:.2f} rad, Speed is {_SPIN}",
             )
 
 
@@ -272,7 +279,10 @@ async def path(case: Case) -> None:
         async def moves() -> bool:
             return not _same(await status_of(client, name), "Location", begin.location, 0.05)
 
-        case.expect(await case.soon(moves, _SOON), "Location stays as it is with way points")
+        case.expect(
+            await case.soon(moves, _SOON),
+            f"Location of an object with way points does not change within {_SOON:g} s",
+        )
         first = await _timed(case, client, name)
         await case.clock.sleep(1.6)
         second = await _timed(case, client, name)
@@ -281,15 +291,15 @@ async def path(case: Case) -> None:
         (start, aside), (end, off) = (_along(way, at) for at in (before, after))
         case.expect(
             max(aside, off) < 0.05,
-            f"Location is {max(aside, off):.2f} m aside of the way over {_text(points[0])}, as "
-            f"{_text(before)} and then {_text(after)} show",
+            f"Location is {max(aside, off):.2f} m aside of the way over {_text(points[0])}, not "
+            f"less than 0.05 m, as {_text(before)} and then {_text(after)} show",
         )
         low, high = second.since(first)
         remains = sum(map(math.dist, way, way[1:])) - start  # whoever looks late sees it there
         case.expect(
             min(0.5 * low * 0.95, remains) - 0.02 <= end - start <= 0.5 * high * 1.05 + 0.02,
             f"on the way to {_text(points[0])} at Speed 0.5 Location went from {_text(before)} to "
-            f"{_text(after)} in {low:.1f} to {high:.1f} s",
+            f"{_text(after)} in {low:.1f} to {high:.1f} s, {end - start:.2f} m, not 0.5 m a second",
         )
 
         async def there() -> bool:
@@ -305,7 +315,11 @@ async def path(case: Case) -> None:
         async def left() -> bool:
             return not await there()
 
-        case.expect(await case.soon(left, _SOON), "with Loop it stays at the last way point")
+        case.expect(
+            await case.soon(left, _SOON),
+            f"Location with Loop is {_text(points[-1])}, the last way point, for {_SOON:g} s, and "
+            "does not go back to the first",
+        )
 
 
 @once("world.physics", "Physics decides what falls", "3.14", Severity.SHOULD)
@@ -328,14 +342,14 @@ async def physics(case: Case) -> None:
         start = lot.location[2] - 1.2
         case.expect(
             abs(heights["None"] - start) < 0.02,
-            f"Location of an object with Physics None is at z {heights['None']:.2f}, it was put "
-            f"to {start:.2f}",
+            f"Location of an object with Physics None is at z {heights['None']:.2f}, not "
+            f"{start:.2f}, where it was put",
         )
         for kind in ("RigidBody", "Falling"):
             case.expect(
                 heights[kind] > start + 0.2 and abs(heights[kind] - heights["Ground"]) < 0.03,
-                f"Location of an object with Physics {kind} is at z {heights[kind]:.2f}, put to "
-                f"{start:.2f}; one with Ground is at {heights['Ground']:.2f}",
+                f"Location of an object with Physics {kind} is at z {heights[kind]:.2f}, not "
+                f"{heights['Ground']:.2f}, as one with Ground; it was put to {start:.2f}",
             )
 
 

@@ -33,7 +33,7 @@ async def victim_wall(case: Case) -> None:
     """A victim sensor tells no PartName of somebody 2 m ahead behind a wall."""
     _, view = await _behind(case, "VictSensor")
     lines = [line for _, line in view.track.of("VictSensor")]
-    case.need(lines, "too few VictSensor lines")
+    case.need(lines, "no VictSensor line comes")
     seen = [line.get("PartName") for line in lines if line.get("PartName") is not None]
     case.expect(
         not seen,
@@ -52,7 +52,11 @@ async def loudness_wall(case: Case) -> None:
         told.append([value for value in values if value > 0.0])
     if not told[0]:
         case.skip("nobody calls all the time")
-    case.expect(told[1], "Loudness is 0 behind a wall, where a call of the same person is muffled")
+    case.expect(
+        told[1],
+        f"Loudness is 0 behind a wall, not about {fmean(told[0]) - _MUFFLED:.2f}: a call of the "
+        "same person is muffled",
+    )
     # The two places are not quite equally far.
     nearer, farther = (found.head_distance(one, "Sound") for one in (found.views["ahead"], view))
     lost = fmean(told[0]) - fmean(told[1]) - 20.0 * math.log10(farther / nearer)
@@ -74,7 +78,7 @@ async def gps_roof(case: Case) -> None:
     aside = UNREAL.index(case.dialect) * 8.0
     robot = await spawn_far(case, class_name, Place(None, (x + aside, y, high)))
     lines = [line for line in await robot.run(1.0) if line.type == "GPS"]
-    case.need(len(lines) > 2, "too few GPS lines")
+    case.need(len(lines) > 2, f"only {len(lines)} GPS lines, more than 2 are needed")
     for line in lines:
         count = line.number("Satellites")
         case.expect(

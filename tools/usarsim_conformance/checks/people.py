@@ -41,14 +41,17 @@ async def victim_location(case: Case) -> None:
     for name in ("ahead", "right", "left", "far"):
         view = found.views[name]
         places = [place for parts in _seen(view) for _, place in parts]
-        case.expect(places, f"no Location of a part: nobody is seen {view.distance:g} m ahead")
+        case.expect(
+            places, f"Location of a part is missing: nobody is seen {view.distance:g} m ahead"
+        )
         true = view.seen_from(mount, found.person.location)
         slack = CHANCE * _NOISE * view.distance * 1.2 / math.sqrt(len(places)) + 0.15
         for axis, what in enumerate("xy"):
             mean = fmean(place[axis] for place in places)
             case.expect(
                 abs(mean - true[axis]) < slack,
-                f"{what} of Location is {mean:.2f} m on average, the victim at {true[axis]:.2f} m",
+                f"{what} of Location is {mean:.2f} m on average, not {true[axis]:.2f} m, where "
+                "the victim is",
             )
         heights: dict[str, list[float]] = {}
         for parts in _seen(view):
@@ -59,7 +62,8 @@ async def victim_location(case: Case) -> None:
         if len(low) > 2 and len(high) > 2:
             case.expect(
                 fmean(low) > fmean(high) + 0.1,
-                f"z of Location: legs at {fmean(low):.2f} m, chest and pelvis at {fmean(high):.2f}",
+                f"z of Location of legs is {fmean(low):.2f} m, not below that of chest and "
+                f"pelvis, {fmean(high):.2f} m (z down)",
             )
         pelvis = heights.get("Pelvis", [])
         if pelvis:
@@ -97,8 +101,8 @@ async def victim_noise(case: Case) -> None:
     ratio, (low, high) = sum(squares) / samples, spread_bounds(samples)
     case.expect(
         low < ratio < high,
-        f"noise of Location is {math.sqrt(ratio):.2f} times {_NOISE:g} of the distance, over "
-        f"{samples} numbers",
+        f"noise of Location is {math.sqrt(ratio) * _NOISE:.4f} of the distance, not {_NOISE:g}, "
+        f"over {samples} numbers",
     )
 
 
@@ -116,20 +120,29 @@ async def victim_view(case: Case) -> None:
     wide, tall, reach = (float(conf[key]) for key in ("HorizontalFOV", "VerticalFOV", "MaxRange"))
     for view in found.views.values():
         lines = [line for _, line in view.track.of("VictSensor")]
-        case.need(lines, "too few VictSensor lines")
+        case.need(lines, "no VictSensor line comes")
         seen = bool(_seen(view))
         spot = f"{view.distance:g} m away, {view.bearing:.2f} rad off the axis"
         if view.distance > reach + 0.6:
-            case.expect(not seen, f"somebody is seen {spot}: MaxRange is {reach:g}")
+            case.expect(
+                not seen, f"somebody is seen {spot}, and should not be: MaxRange is {reach:g}"
+            )
         elif abs(view.bearing) > wide / 2.0 + 0.35:
-            case.expect(not seen, f"somebody is seen {spot}: HorizontalFOV is {wide:g}")
+            case.expect(
+                not seen, f"somebody is seen {spot}, and should not be: HorizontalFOV is {wide:g}"
+            )
         elif view.distance < reach - 0.6 and abs(view.bearing) < wide / 2.0 - 0.05:
-            case.expect(seen, f"nobody is seen {spot}: HorizontalFOV {wide:g}, MaxRange {reach:g}")
+            case.expect(
+                seen,
+                f"no part of somebody is seen {spot}: HorizontalFOV is {wide:g}, MaxRange "
+                f"{reach:g}",
+            )
     for parts in _seen(found.views["near"]):
         for part, (x, _, z) in parts:
             case.expect(
                 abs(math.atan2(-z, x)) < tall / 2.0 + 0.3,
-                f"{part} is seen {math.atan2(-z, x):.2f} rad up: VerticalFOV is {tall:g}",
+                f"{part} is seen {math.atan2(-z, x):.2f} rad up, not within half of VerticalFOV, "
+                f"{tall:g} rad",
             )
 
 
@@ -151,14 +164,15 @@ async def victim_tag(case: Case) -> None:
             place = lines[-1].numbers("Location")[axis]
             case.expect(
                 abs(place - true[axis]) < 0.25,
-                f"{what} of Location is {place:.2f} m, the victim at {true[axis]:.2f} m",
+                f"{what} of Location is {place:.2f} m, not {true[axis]:.2f} m, where the victim is",
             )
         z = lines[-1].numbers("Location")[2]
         case.expect(
-            abs(z - true[2]) < 0.6, f"z of Location is {z:.2f} m, the pelvis at {true[2]:.2f} m"
+            abs(z - true[2]) < 0.6,
+            f"z of Location is {z:.2f} m, not {true[2]:.2f} m, where the pelvis is",
         )
         names.add(lines[-1].get("VictimName"))
-    case.expect(len(names) == 1, f"VictimName of the same victim is {names}")
+    case.expect(len(names) == 1, f"VictimName of one victim is {names}, not always the same")
 
 
 @measured("values.co2", "CO2 thins with the square of the distance", "2.9", Severity.SHOULD)
@@ -169,7 +183,7 @@ async def co2(case: Case) -> None:
     for name in ("near", "ahead", "far"):
         view = found.views[name]
         values = [line.number("Density") for _, line in view.track.of("CO2Sensor")]
-        case.need(values, "too few CO2Sensor lines")
+        case.need(values, "no CO2Sensor line comes")
         told.append((found.head_distance(view, "CO2Sensor"), values[-1]))
     if told[0][1] < 0.1:
         case.skip("nobody breathes out enough to measure it")
@@ -202,7 +216,9 @@ async def loudness(case: Case) -> None:
             f"{away:.2f} m, not {wanted:.2f}",
         )
         case.expect(
-            line.get("Duration") == first.get("Duration"), f"Duration changes: {first}, {line}"
+            line.get("Duration") == first.get("Duration"),
+            f"Duration is {line.get('Duration')} at {away:.2f} m, not {first.get('Duration')}, as "
+            f"at {near:.2f} m",
         )
 
 
@@ -235,12 +251,18 @@ async def acoustic(case: Case) -> None:
             )
         told.append((away, line.number("Volume")))
         delay = line.number("Delay")
-        case.expect(0.0 <= delay < away / 300.0 + 0.01, f"Delay is {delay:g} s at {away:.1f} m")
+        case.expect(
+            0.0 <= delay < away / 300.0 + 0.01,
+            f"Delay is {delay:g} s at {away:.1f} m, not at least 0 and at most "
+            f"{away / 300.0 + 0.01:.3f} s",
+        )
         heard = [one for _, one in view.track.of("Sound") if one.number("Loudness") > 0.0]
         if heard:
             for key, other in (("Volume", "Loudness"), ("Duration", "Duration")):
                 a, b = line.number(key), heard[-1].number(other)
-                case.expect(abs(a - b) < 0.3, f"{key} is {a:g}, {other} of a Sound sensor {b:g}")
+                case.expect(
+                    abs(a - b) < 0.3, f"{key} is {a:g}, not {b:g}, {other} of a Sound sensor there"
+                )
     if not told:
         case.skip("nobody calls all the time")
     near, first = told[0]
@@ -248,7 +270,8 @@ async def acoustic(case: Case) -> None:
         wanted = first - 20.0 * math.log10(away / near)
         case.expect(
             abs(volume - wanted) < 1.0,
-            f"Volume is {first:.1f} at {near:.2f} m, {volume:.1f} at {away:.2f} m",
+            f"Volume is {volume:.1f} at {away:.2f} m, not {wanted:.1f}, for it is {first:.1f} at "
+            f"{near:.2f} m",
         )
 
 
@@ -260,24 +283,41 @@ async def human_motion(case: Case) -> None:
     distance of who walks, from 1 at the sensor."""
     found = await _visit(case, "HumanMotion")
     for _, line in found.views["ahead"].track.of("HumanMotion"):
-        case.expect(line.number("Prob") == 0.0, f"Prob before somebody who stands: {line}")
+        case.expect(
+            line.number("Prob") == 0.0,
+            f"Prob is {line.get('Prob')} before somebody who stands, not 0: {line}",
+        )
     told = await watch_walker(case, found.equipment.class_name)
-    case.need(len(told.behind) > 15, "too few HumanMotion lines with somebody behind")
+    case.need(
+        len(told.behind) > 15,
+        f"only {len(told.behind)} HumanMotion lines with somebody behind, more than 15 are needed",
+    )
     case.expect(
         not any(told.behind),
         f"Prob is up to {max(told.behind):g}, not 0, while somebody walks behind the robot, which "
         "faces away (robots reference 2.9: within the field of view)",
     )
     walking = [(away, prob) for away, speed, prob in told.ahead if speed > 0.45]
-    case.need(len(walking) > 15, "the walker hardly walks")
-    case.expect(all(0.0 <= prob <= 1.0 for _, prob in walking), "Prob is not within 0 and 1")
-    case.expect(any(prob > 0.0 for _, prob in walking), "Prob is 0 before somebody who walks")
+    case.need(
+        len(walking) > 15,
+        f"only {len(walking)} HumanMotion lines with somebody who walks faster than 0.45 m/s, more "
+        "than 15 are needed",
+    )
+    case.expect(
+        all(0.0 <= prob <= 1.0 for _, prob in walking),
+        f"Prob is {min(prob for _, prob in walking):g} to {max(prob for _, prob in walking):g}, "
+        "not within 0 and 1",
+    )
+    case.expect(
+        any(prob > 0.0 for _, prob in walking),
+        f"Prob is 0 in all {len(walking)} reports before somebody who walks, not above 0",
+    )
     seen = [(away, prob) for away, prob in walking if prob > 0.0]
     slope, start = linear_regression([away for away, _ in seen], [prob for _, prob in seen])
-    case.expect(slope < 0.0, f"Prob grows by {slope:.3f} a metre of distance")
+    case.expect(slope < 0.0, f"Prob changes by {slope:.3f} for a metre more, not by less than 0")
     case.expect(
         abs(start - 1.0) < 0.15,
-        f"Prob is {start:.2f} at no distance, by its fall of {-slope:.3f} a metre",
+        f"Prob is {start:.2f} at no distance, not 1, by its fall of {-slope:.3f} a metre",
     )
 
 
@@ -322,11 +362,14 @@ async def _judge_tag(case: Case, type: str) -> None:
     base = start.pose.location
     tag = (base[0] + cos * x - sin * y, base[1] + sin * x + cos * y, base[2] + z)
     lines = track.of(type)
-    case.expect(len(lines) > 5, f"no {type} line tells of a tag that was dropped")
+    case.expect(
+        len(lines) > 5, f"{len(lines)} {type} lines tell of a tag that was dropped, not at least 6"
+    )
     for time, line in lines:
         true = View("", 0.0, 0.0, track.truth(time), track).seen_from(mount, tag)
         for axis, place in enumerate(line.numbers("Location")):
             case.expect(
                 abs(place - true[axis]) < 0.12,
-                f"{'xyz'[axis]} of Location is {place:.2f} m, the tag at {true[axis]:.2f} m",
+                f"{'xyz'[axis]} of Location is {place:.2f} m, not {true[axis]:.2f} m, where the "
+                "tag is",
             )

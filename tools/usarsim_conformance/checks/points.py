@@ -50,7 +50,10 @@ async def scan_3d_range(case: Case) -> None:
                 start, way = ray(mount, wide / 2.0 - left * beam, high / 2.0 - down * row)
                 what = f"{name}, row {down + 1}, beam {left + 1}"
                 beams.append(Beam(scene, name, what, start, way, value))
-    case.need(len(beams) > 10, f"too few {type} lines")
+    case.need(
+        len(beams) > 10,
+        f"only {len(beams)} ranges of {type} that can be judged, more than 10 are needed",
+    )
     floor = floor_below(beams, limit(found, type, beams[0].item, "MaxRange"))
     for one in beams:
         judge_beam(case, found, type, "Range", one, False, floor)
@@ -90,7 +93,8 @@ async def image_range(case: Case) -> None:
             values = [float(text) for frame in range(frames) for text in pixels[frame]]
             rows = len(values) // columns
             case.expect(
-                rows * columns == len(values), f"{len(values)} values of Range, {columns} a row"
+                rows * columns == len(values),
+                f"Range has {len(values)} values, not a multiple of {columns}, those of a row",
             )
             for number, value in enumerate(values):
                 down, right = divmod(number, columns)
@@ -114,7 +118,9 @@ async def image_range(case: Case) -> None:
                     f"Range of {name}, row {down + 1}, pixel {right + 1}, is {value:.3f} m, not "
                     f"{wanted:.3f} m (scene {scene.name!r})",
                 )
-    case.need(seen > 10, f"too few {type} lines")
+    case.need(
+        seen > 10, f"only {seen} pixels of {type} that can be judged, more than 10 are needed"
+    )
 
 
 def _judge_points(
@@ -168,12 +174,13 @@ async def line_laser_points(case: Case) -> None:
             start = found.inside(lines[-1].numbers("Location"))
             case.expect(
                 math.dist(start, mount.location) < 0.05,
-                f"Location of {name} is {start} from the robot, mounted at {mount.location}",
+                f"Location of {name} is {start} from the robot, not {mount.location}, its mount",
             )
             yaw = lines[-1].numbers("Orientation")[2] - found.place.rotation[2]
             case.expect(
                 abs(math.remainder(yaw - mount.orientation[2], math.tau)) < 0.02,
-                f"Orientation of {name} is {yaw:.3f} from the robot's",
+                f"Orientation of {name} is {yaw:.3f} from the robot's, not "
+                f"{mount.orientation[2]:.3f}, its mount",
             )
             points = [found.inside(point) for point in _triples(lines[-1].get("Points") or "")]
             high = limit(found, type, name, "MaxRange")
@@ -183,9 +190,13 @@ async def line_laser_points(case: Case) -> None:
             wide = float(found.equipment.configured(type)[name]["FOV"])
             case.expect(
                 abs(bearings[-1] - bearings[0] - wide) < 0.03,
-                f"Points of {name} go {bearings[0]:.2f} to {bearings[-1]:.2f} rad, FOV {wide:g}",
+                f"Points of {name} go over {bearings[-1] - bearings[0]:.2f} rad, from "
+                f"{bearings[0]:.2f} to {bearings[-1]:.2f}, not over {wide:g} rad, FOV",
             )
-    case.expect(met["ahead"] > met["half"] > 0, f"Points on a wall and half of it: {met}")
+    case.expect(
+        met["ahead"] > met["half"] > 0,
+        f"Points on a wall and on half of it are {met}, not fewer on the half, and some on both",
+    )
 
 
 @unreal("values.cloud-points", "Points of a cloud lie on the wall", "4.6")
@@ -213,16 +224,19 @@ async def cloud_points(case: Case) -> None:
                     shown = ",".join(f"{value:.2f}" for value in point)
                     case.expect(
                         not (margin > EDGE and off > SLACK),
-                        f"point {number + 1} of {name} is behind the wall: {shown} from the robot",
+                        f"point {number + 1} of {name} is {off:.2f} m behind the wall, not on it: "
+                        f"{shown} from the robot",
                     )
                     count += abs(off) < SLACK and margin > -SLACK
                     case.expect(
                         off > -SLACK,
-                        f"point {number + 1} of {name} is before the wall: {shown} from the robot",
+                        f"point {number + 1} of {name} is {-off:.2f} m before the wall, not on "
+                        f"it: {shown} from the robot",
                     )
                     case.expect(
                         abs(off) > SLACK or margin > -SLACK,
-                        f"point {number + 1} of {name} is beside the wall: {shown} from the robot",
+                        f"point {number + 1} of {name} is {-margin:.2f} m beside the wall, not on "
+                        f"it: {shown} from the robot",
                     )
                 key = (name, scene.name)
                 met[key] = met.get(key, 0) + count
@@ -230,7 +244,11 @@ async def cloud_points(case: Case) -> None:
         case.expect(count > 0, f"no point of {name} is on the wall (scene {scene_name!r})")
         if scene_name != "ahead":
             whole = met.get((name, "ahead"), count + 1)
-            case.expect(count < whole, f"points of {name} do not miss a wall that is not there")
+            case.expect(
+                count < whole,
+                f"{count} points of {name} are on a part of the wall (scene {scene_name!r}), not "
+                f"fewer than {whole}, as on the whole wall",
+            )
 
 
 @measured(
@@ -250,7 +268,11 @@ async def object_sensor(case: Case) -> None:
             line, wall = lines[-1], scene.wall
             assert wall is not None
             if scene.name == "right":
-                case.expect(line.get("Object") is None, f"Object is seen beside the robot: {line}")
+                case.expect(
+                    line.get("Object") is None,
+                    f"Object is {line.get('Object')} with a wall beside the robot only, not "
+                    f"absent: {line}",
+                )
                 continue
             case.expect(line.get("Object"), f"Object of {name} is missing before a wall: {line}")
             place, turn, point = (
@@ -258,19 +280,21 @@ async def object_sensor(case: Case) -> None:
             )
             case.expect(
                 math.dist(place, scene.place[:3]) < 0.05,
-                f"Location of the Object is {place}, in truth {scene.place[:3]}",
+                f"Location of the Object is {place}, not {scene.place[:3]}, as in truth",
             )
             case.expect(
                 abs(math.remainder(turn[2] - scene.place[3], math.tau)) < 0.03,
-                f"Orientation of the Object is {turn}, in truth {scene.place[3]:.3f}",
+                f"Orientation of the Object is {turn}, not {scene.place[3]:.3f} in yaw, as in "
+                "truth",
             )
             hit = found.inside(point)
             case.expect(
                 abs(wall.off(hit)) < SLACK and wall.margin(hit) > -SLACK,
-                f"HitLoc is {wall.off(hit):.3f} m beyond the wall, {wall.margin(hit):.3f} m inside",
+                f"HitLoc is {wall.off(hit):.3f} m beyond the wall and {wall.margin(hit):.3f} m "
+                "inside its edges, not on its face",
             )
             seen += 1
-    case.need(seen > 1, "too few ObjectSensor lines")
+    case.need(seen > 1, f"only {seen} ObjectSensor lines before a wall, more than 1 are needed")
 
 
 @unreal("sensors.scan-order", "Segments of a scan", "6, no. 102")
@@ -279,7 +303,7 @@ async def scan_order(case: Case) -> None:
     exactly this spelling."""
     for line in (await senses(case, "RangeScanner"))[1]:
         names = line.names[line.names.index("Name") :]
-        case.expect(names == ("Name", "Resolution", "FOV", "Range"), f"other segments: {line}")
+        case.expect_names(line, ("Name", "Resolution", "FOV", "Range"), names)
 
 
 @control("sensors.scan-numbers", "A scan is numbers with commas", "4.6")
@@ -287,7 +311,9 @@ async def scan_numbers(case: Case) -> None:
     """Ranges are plain numbers joined by single commas, none missing, none at the end."""
     for line in (await senses(case, "RangeScanner"))[1]:
         values = line.numbers("Range")
-        case.expect(values and not any(map(math.isnan, values)), f"no plain numbers: {line}")
+        case.expect(
+            values and not any(map(math.isnan, values)), f"Range has no plain numbers: {line}"
+        )
 
 
 @control("sensors.scan-count", "Number of ranges", "6, no. 103")
@@ -297,8 +323,16 @@ async def scan_count(case: Case) -> None:
     for line in (await senses(case, "RangeScanner"))[1]:
         beams = line.number("FOV") / line.number("Resolution")
         count = len(line.numbers("Range"))
-        case.expect(count <= round(beams) + 1, f"{count} ranges for {beams:.1f} steps: {line}")
-        case.expect(count >= math.floor(beams), f"{count} ranges for {beams:.1f} steps: {line}")
+        case.expect(
+            count <= round(beams) + 1,
+            f"Range of {line.get('Name')} has {count} numbers, not at most {round(beams) + 1} "
+            f"(FOV / Resolution + 1): {line}",
+        )
+        case.expect(
+            count >= math.floor(beams),
+            f"Range of {line.get('Name')} has {count} numbers, not at least {math.floor(beams)} "
+            f"(FOV / Resolution): {line}",
+        )
 
 
 @unreal("sensors.scan-miss", "A beam without echo reads MaxRange", "6, no. 105")
@@ -311,7 +345,11 @@ async def scan_miss(case: Case) -> None:
     limits = {item["Name"]: float(item["MaxRange"]) for item in conf.items()}
     for line in lines:
         most, limit = max(line.numbers("Range")), limits[line.get("Name") or ""]
-        case.expect(most <= limit + 1e-3, f"{most} although MaxRange is {limit}")
+        case.expect(
+            most <= limit + 1e-3,
+            f"Range of {line.get('Name')} is up to {most} m, not at most {limit} m, MaxRange of "
+            "CONF",
+        )
 
 
 @unreal("sensors.scan-right-first", "Scans begin on the right", "6, no. 104", exclusive=True)
@@ -319,7 +357,10 @@ async def scan_right_first(case: Case) -> None:
     """An obstacle to the right of the robot, another robot or a wall, appears in the first half of
     the range list."""
     change = await _shadow(case, right=0.9)
-    case.expect(change < 0.5, f"what is on the right shortened ranges at {change:.0%} of the list")
+    case.expect(
+        change < 0.5,
+        f"what is on the right shortens Range at {change:.0%} of its list, not in the first half",
+    )
 
 
 @gazebo(
@@ -331,7 +372,10 @@ async def scan_right_first(case: Case) -> None:
 async def scan_left_first(case: Case) -> None:
     """In the prototype's form an obstacle on the right appears in the second half."""
     change = await _shadow(case, right=-0.9)
-    case.expect(change > 0.5, f"what is on the right shortened ranges at {change:.0%} of the list")
+    case.expect(
+        change > 0.5,
+        f"what is on the right shortens Range at {change:.0%} of its list, not in the second half",
+    )
 
 
 async def _shadow(case: Case, right: float) -> float:
@@ -385,4 +429,8 @@ async def scan_length(case: Case) -> None:
     """A RangeScanner line of at most 181 beams is shorter than 2000 bytes."""
     for line in (await senses(case, "RangeScanner"))[1]:
         if len(line.numbers("Range")) <= 181:
-            case.expect(len(line.raw) < 2000, f"{len(line.raw)} bytes: {line}")
+            case.expect(
+                len(line.raw) < 2000,
+                f"a line of {len(line.numbers('Range'))} ranges has {len(line.raw)} bytes, not "
+                f"less than 2000: {line}",
+            )

@@ -45,7 +45,9 @@ async def _single(case: Case, type: str, least: bool) -> None:
             beam = Beam(scene, item, item, *ray(mount), float(text))
             judge_beam(case, found, type, "Range", beam, least, found.floor)
             seen += 1
-        case.need(seen > 3, f"too few {type} lines")
+        case.need(
+            seen > 3, f"only {seen} values of {type} that can be judged, more than 3 are needed"
+        )
 
     explained(await walls_for(case, type), type, judge)
 
@@ -115,7 +117,7 @@ def _judge_sonar(case: Case, found: Surrounded) -> None:
         away_from = f"a wall (scene {scene.name!r})"
         _judge_echo(case, found, item, value, (nearest, length), away_from)
         seen += 1
-    case.need(seen > 3, "too few Sonar lines")
+    case.need(seen > 3, f"only {seen} values of Sonar that can be judged, more than 3 are needed")
 
 
 def _judge_echo(
@@ -201,7 +203,7 @@ async def sonar_cone(case: Case) -> None:
                     f"not see {off}, BeamAngle is {2 * half:.3f} rad",
                 )
                 seen += 1
-    case.need(seen > 3, "too few Sonar lines")
+    case.need(seen > 3, f"only {seen} values of Sonar that can be judged, more than 3 are needed")
 
 
 def _towards(wall: Wall, start: Vector, across: float) -> float:
@@ -248,7 +250,9 @@ async def _scanner(case: Case, type: str, least: bool, found: Surrounded | None 
         for beam in _scan(found, type, found.of()):
             judge_beam(case, found, type, "Range", beam, least)
             seen += 1
-        case.need(seen > 10, f"too few {type} lines")
+        case.need(
+            seen > 10, f"only {seen} values of {type} that can be judged, more than 10 are needed"
+        )
 
     explained(found or await walls_for(case, type), type, judge)
 
@@ -297,12 +301,13 @@ async def scan_head(case: Case) -> None:
         conf = found.equipment.configured("RangeScanner")[line.get("Name") or ""]
         for key, told in (("Resolution", "Resolution"), ("FOV", "Fov")):
             a, b = line.number(key), float(conf[told])
-            case.expect(abs(a - b) < 1e-3, f"{key} of SEN is {a:g}, {told} of CONF {b:g}")
+            case.expect(abs(a - b) < 1e-3, f"{key} of SEN is {a:g}, not {b:g}, {told} of CONF")
         beams = float(conf["Fov"]) / float(conf["Resolution"])
         count = len(line.numbers("Range"))
         case.expect(
             beams - 1.5 < count < beams + 1.5,
-            f"Range of a scan has {count} values, Fov / Resolution of CONF is {beams:.1f}",
+            f"Range of a scan has {count} values, not about {beams + 1.0:.1f} (Fov / Resolution "
+            "of CONF + 1)",
         )
 
 
@@ -375,18 +380,22 @@ async def _touched(robot: Robot, type: str, name: str) -> bool:
 
 def _judge_reach(case: Case, found: _Approach, least: float, most: float) -> None:
     touched = [gap for gap, touch in found.ahead if touch]
-    case.expect(touched, f"Touch of {found.name} is never True before a wall that comes to it")
+    case.expect(
+        touched,
+        f"Touch of {found.name} is False in all {len(found.ahead)} reports before a wall that "
+        "comes to it, not True at last",
+    )
     first = max(touched)
     case.expect(
         first <= most + _INEXACT,
-        f"Touch of {found.name} is True {1000 * first:.0f} mm before a wall: it should reach "
-        f"{1000 * most:.0f} mm",
+        f"Touch of {found.name} is True {1000 * first:.0f} mm before a wall, not False: it should "
+        f"reach {1000 * most:.0f} mm",
     )
     for gap, touch in found.ahead:
         case.expect(
             touch or gap > least - _INEXACT,
-            f"Touch of {found.name} is False {1000 * gap:.0f} mm before a wall: it should reach "
-            f"{1000 * least:.0f} mm",
+            f"Touch of {found.name} is False {1000 * gap:.0f} mm before a wall, not True: it "
+            f"should reach {1000 * least:.0f} mm",
         )
 
 
@@ -411,11 +420,15 @@ async def touch_diameter(case: Case) -> None:
     for edge, touch in found.beside:
         if edge > half + _INEXACT:
             case.expect(
-                not touch, f"Touch is True {1000 * edge:.0f} mm beside a wall, Diameter {told} m"
+                not touch,
+                f"Touch is True with the edge of a wall {1000 * edge:.0f} mm off the middle of "
+                f"the pad, not False, as beyond {1000 * half:.0f} mm, half of Diameter",
             )
         if edge < half - _INEXACT:
             case.expect(
-                touch, f"Touch is False, the edge at {1000 * edge:.0f} mm, Diameter {told} m"
+                touch,
+                f"Touch is False with the edge of a wall {1000 * edge:.0f} mm off the middle of "
+                f"the pad, not True, as within {1000 * half:.0f} mm, half of Diameter",
             )
 
 

@@ -29,7 +29,10 @@ async def climbs(case: Case) -> None:
     """Positive AltitudeVelocity climbs: z becomes smaller."""
     before, after = await _flown(case, "AltitudeVelocity", 1.0)
     rise = before.location[2] - after.location[2]
-    case.expect(rise > 0.3, f"it rose by {rise:.2f} m, not by more than 0.3")
+    case.expect(
+        rise > 0.3,
+        f"z of Location falls by {rise:.2f} m as the aircraft climbs, not by more than 0.3 m",
+    )
 
 
 @unreal("aerial.forward", "LinearVelocity flies forward", "6, no. 151")
@@ -37,7 +40,7 @@ async def flies_forward(case: Case) -> None:
     """Positive LinearVelocity flies forward."""
     before, after = await _flown(case, "LinearVelocity", 0.6)
     ahead, _ = before.ahead(after)
-    case.expect(ahead > 0.15, f"it went {ahead:.2f} m ahead, not more than 0.15")
+    case.expect(ahead > 0.15, f"the aircraft goes {ahead:.2f} m ahead, not above 0.15 m")
 
 
 @unreal("aerial.right", "LateralVelocity flies right", "6, no. 151")
@@ -45,7 +48,7 @@ async def flies_right(case: Case) -> None:
     """Positive LateralVelocity flies to the right."""
     before, after = await _flown(case, "LateralVelocity", 0.6)
     _, right = before.ahead(after)
-    case.expect(right > 0.15, f"it went {right:.2f} m to the right, not more than 0.15")
+    case.expect(right > 0.15, f"the aircraft goes {right:.2f} m to the right, not above 0.15 m")
 
 
 @unreal("aerial.turns", "RotationalVelocity turns clockwise", "6, no. 151 and 152")
@@ -55,7 +58,10 @@ async def turns(case: Case) -> None:
     value = 0.8 if case.dialect == "ut2004" else math.degrees(0.8)
     before, after = await _flown(case, "RotationalVelocity", value, 1.0)
     turn = turned(before.yaw, after.yaw)
-    case.expect(0.3 < turn < 1.6, f"yaw changed by {turn:.2f} rad in 1 s, not by 0.3 to 1.6")
+    case.expect(
+        0.3 < turn < 1.6,
+        f"yaw of the aircraft changes by {turn:.2f} rad in 1 s, not by 0.3 to 1.6 rad",
+    )
 
 
 @unreal("aerial.hovers", "Zeros hover", "6, no. 151")
@@ -63,7 +69,9 @@ async def hovers(case: Case) -> None:
     """With all velocities zero the robot stays where it is in the air."""
     before, after = await _flown(case, "AltitudeVelocity", 0.0)
     away = math.dist(before.location, after.location)
-    case.expect(away < 0.25, f"it drifted by {away:.2f} m, not by less than 0.25")
+    case.expect(
+        away < 0.25, f"the aircraft drifts by {away:.2f} m at rest, not by less than 0.25 m"
+    )
 
 
 async def _steered(case: Case, *commands: str) -> tuple[float, Line]:
@@ -80,21 +88,28 @@ async def _steered(case: Case, *commands: str) -> tuple[float, Line]:
 async def car_drives(case: Case) -> None:
     """`DRIVE {Speed v} {FrontSteer 0} {RearSteer 0}` drives a car forward."""
     ahead, _ = await _steered(case, "DRIVE {Speed 2} {FrontSteer 0} {RearSteer 0}")
-    case.expect(ahead > 0.05, f"it went {ahead:.2f} m forward, not more than 0.05")
+    case.expect(
+        ahead > 0.05, f"the car goes {ahead:.2f} m ahead with Speed above 0, not above 0.05 m"
+    )
 
 
 @ut2004("ackerman.speed-alone", "Speed alone drives a car", "6, no. 149", exclusive=True)
 async def speed_alone(case: Case) -> None:
     """In ut2004 Speed alone works."""
     ahead, _ = await _steered(case, "DRIVE {Speed 2}")
-    case.expect(ahead > 0.05, f"it went {ahead:.2f} m forward, not more than 0.05")
+    case.expect(
+        ahead > 0.05, f"the car goes {ahead:.2f} m ahead with Speed alone, not above 0.05 m"
+    )
 
 
 @udk("ackerman.all-three", "All three are needed in udk", "6, no. 149", exclusive=True)
 async def all_three(case: Case) -> None:
     """In udk a car needs Speed, FrontSteer and RearSteer; one alone does nothing."""
     ahead, _ = await _steered(case, "DRIVE {Speed 2}")
-    case.expect(abs(ahead) < 0.03, f"it went {ahead:.2f} m forward, not less than 0.03")
+    case.expect(
+        abs(ahead) < 0.03,
+        f"the car goes {ahead:.2f} m ahead with Speed alone, not less than 0.03 m",
+    )
 
 
 @unreal("ackerman.steer-limits", "Steering stays within limits", "6, no. 149", exclusive=True)
@@ -102,7 +117,10 @@ async def steer_limits(case: Case) -> None:
     """A steering angle beyond the limits of CONF stops at them."""
     _, status = await _steered(case, "DRIVE {Speed 0} {FrontSteer 9} {RearSteer 9}")
     for name in ("FrontSteer", "RearSteer"):
-        case.expect(abs(status.number(name)) < 1.6, f"{name} is {status.get(name)}, not within 1.6")
+        case.expect(
+            abs(status.number(name)) < 1.6,
+            f"{name} is {status.get(name)} after 9 rad, not within 1.6 rad",
+        )
 
 
 @ut2004("flippers.multidrive", "MULTIDRIVE moves flippers", "6, no. 154")
@@ -115,7 +133,10 @@ async def multidrive(case: Case) -> None:
     lines = await robot.run(3.0)
     status = [line for line in lines if line.head == "STA"][-1]
     for name in ("FRFlipper", "FLFlipper"):
-        case.expect(abs(status.number(name) - 0.4) < 0.1, f"{name}: {status}")
+        case.expect(
+            abs(status.number(name) - 0.4) < 0.1,
+            f"{name} of STA is {status.get(name)}, not 0.4: {status}",
+        )
 
 
 def _links(line: Line) -> list[float]:
@@ -144,7 +165,7 @@ async def _moved(case: Case, robot: Robot, command: str, target: float) -> None:
         value = _links(line)[0]
         if abs(value - target) < 0.05:
             return
-    case.fail(f"link 1 of {name} is at {value:.3f}, not at {target}")
+    case.fail(f"Value of link 1 of {name} is {value:.3f}, not {target}")
 
 
 @unreal("arm.mispkg", "MISPKG counts links from 1", "6, no. 157")
@@ -180,11 +201,16 @@ async def links(case: Case) -> None:
     robot = await case.spawn("arm")
     line = await _state(case, robot)
     head = "MISSTA" if case.dialect == "ut2004" else "ASTA"
-    case.expect(line.head == head, f"not {head}: {line}")
+    case.expect(
+        line.head == head, f"the line of an arm has the head {line.head}, not {head}: {line}"
+    )
     numbers = [value for name, value in line.segments if name == "Link"]
-    case.expect(numbers == [str(n + 1) for n in range(len(numbers))] and numbers, f"{line}")
+    case.expect(
+        numbers == [str(n + 1) for n in range(len(numbers))] and numbers,
+        f"links have the numbers {' '.join(numbers)}, not 1 and so on without a gap: {line}",
+    )
     group = ("Link", "Value", "Torque") if head == "MISSTA" else ("Link", "Value")
-    case.expect(line.names == ("Time", "Name", *group * len(numbers)), f"{line}")
+    case.expect_names(line, ("Time", "Name", *group * len(numbers)))
 
 
 @unreal("arm.limits", "Joints stop at their limits", "6, no. 160", Severity.SHOULD)
@@ -202,7 +228,10 @@ async def limits(case: Case) -> None:
     for line in await robot.run(2.0):
         if line.head in ("MISSTA", "ASTA") and line.get("Name") == name:
             value = _links(line)[0]
-            case.expect(value <= high + 0.05, f"link 1 is at {value}, beyond {high}")
+            case.expect(
+                value <= high + 0.05,
+                f"Value of link 1 of {name} is {value}, not at most {high}, MaxValue of CONF",
+            )
 
 
 @udk("arm.gripper", "Grippers open and close", "6, no. 161")
@@ -235,7 +264,9 @@ async def no_drive(case: Case) -> None:
     await robot.run(1.0)
     before, after = await case.drive(robot, "DRIVE {Left 2} {Right 2} {Speed 2}", 1.0)
     away = math.dist(before.location[:2], after.location[:2])
-    case.expect(away < 0.1, f"it moved by {away:.2f} m")
+    case.expect(
+        away < 0.1, f"a legged robot moves by {away:.2f} m with DRIVE, not by less than 0.1 m"
+    )
 
 
 @udk("legged.joints", "SET moves a joint", "6, no. 156")
@@ -248,7 +279,7 @@ async def joints(case: Case) -> None:
     await robot.send(f"SET {{Type Joint}} {{Name {names[0]}}} {{Opcode Angle}} {{Params 0.2}}")
     lines = await robot.run(2.0)
     value = [line for line in lines if line.head == "STA"][-1].number(names[0])
-    case.expect(abs(value - 0.2) < 0.06, f"{names[0]} is at {value}")
+    case.expect(abs(value - 0.2) < 0.06, f"{names[0]} of STA is {value}, not 0.2")
 
 
 @once(
@@ -263,4 +294,8 @@ async def submarine(case: Case) -> None:
     robot = await case.spawn("underwater")
     await robot.run(0.5)
     before, after = await case.drive(robot, "DRIVE {Left 2} {Right 2} {Speed 1}", 1.0)
-    case.expect(math.dist(before.location, after.location) < 0.3, "it moved")
+    case.expect(
+        math.dist(before.location, after.location) < 0.3,
+        f"a submarine moves by {math.dist(before.location, after.location):.2f} m with Left, "
+        "Right and Speed, not by less than 0.3 m",
+    )

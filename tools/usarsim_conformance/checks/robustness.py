@@ -22,7 +22,7 @@ _SCANS = 700
 
 async def _obeys(case: Case, robot: Robot) -> None:
     """The connection still answers, and the robot still streams."""
-    case.expect(await robot.client.is_alive(), "the connection no longer answers")
+    await case.expect_alive(robot.client, "what was sent")
     await robot.wait(lambda line: line.head == "STA", what="STA")
 
 
@@ -102,7 +102,7 @@ async def flood(case: Case) -> None:
     robot = await case.spawn()
     for _ in range(20):
         await robot.send(*["DRIVE {Left 0.1} {Right 0.1}"] * 100)
-    case.expect(await robot.client.is_alive(_FLOOD_WITHIN), "the connection no longer answers")
+    await case.expect_alive(robot.client, "2000 DRIVE commands", _FLOOD_WITHIN)
 
 
 @once("robust.request-flood", "A flood of requests is answered", "6, no. 18")
@@ -113,7 +113,7 @@ async def request_flood(case: Case) -> None:
     count = 0
     while count < 200 and await robot.client.maybe("GEO {") is not None:
         count += 1
-    case.expect(count == 200, f"{count} of 200 requests were answered")
+    case.expect(count == 200, f"{count} of 200 requests are answered, not all")
 
 
 @once("robust.init-flood", "INIT over and over", "6, no. 79", Severity.SHOULD)
@@ -141,7 +141,10 @@ async def long_names(case: Case) -> None:
     )
     await _obeys(case, robot)
     for line in await robot.run(0.5):
-        case.expect(not re.search(r"[ ,](nan|inf)", line.text, re.I), f"not a number: {line}")
+        case.expect(
+            not re.search(r"[ ,](nan|inf)", line.text, re.I),
+            f"a line has nan or inf, not a number: {line}",
+        )
 
 
 @once("robust.far-away", "Places far away", "1.7", Severity.SHOULD, exclusive=True)
@@ -159,7 +162,10 @@ async def far_away(case: Case) -> None:
         client.close()
     await other.run(0.8)
     pose = await other.pose()
-    case.expect(abs(pose.location[0]) < 1e6, f"another robot is at {pose.location}")
+    case.expect(
+        abs(pose.location[0]) < 1e6,
+        f"Location of another robot is {pose.location}, not within 1e6 m",
+    )
 
 
 @once("robust.slow-reader", "A client that does not read stops nobody", "6, no. 16", exclusive=True)
@@ -174,9 +180,9 @@ async def slow_reader(case: Case) -> None:
             await lazy.send(*["GETGEO {Type Sonar}", "GETGEO {Type Robot}"] * 100)
     try:
         await watcher.run(3.0)
-        case.expect(await watcher.client.is_alive(), "another connection no longer answers")
+        await case.expect_alive(watcher.client, "a flood for another client, which does not read")
     except Stalled as error:
-        case.fail(f"beside a client that does not read {error}")
+        case.fail(f"Time does not advance beside a client that does not read: {error}")
     lazy.close()
 
 
@@ -195,10 +201,10 @@ async def late_reader(case: Case) -> None:
     await robot.send("GETSTARTPOSES")
     while (line := await robot.client.line()) is not None:
         whole = re.fullmatch(r"[A-Z]+( ?\{[^{}]*\})* ?", line.text)
-        case.expect(whole, f"no whole line: {line}")
+        case.expect(whole, f"what comes is not a whole line: {line}")
         if line.head == "NFO" and "StartPoses" in line.names:
             return
-    case.fail("GETSTARTPOSES was not answered")
+    case.fail(f"GETSTARTPOSES has no answer behind {_SCANS} scans to a client that reads late")
 
 
 @once("robust.reset-reader", "A client that resets while not reading", "6, no. 14")
@@ -234,4 +240,4 @@ async def isolated(case: Case) -> None:
     await robot.send(*["GETCONF {Type Robot}", "GETSTARTPOSES"] * 10)
     await robot.run(0.5)
     line = await silent.line(0.3)
-    case.expect(line is None, f"a silent connection was told {line}")
+    case.expect(line is None, f"a silent connection is told {line}, not nothing")

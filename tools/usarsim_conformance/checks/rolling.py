@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 from statistics import fmean, linear_regression, median
+from typing import NoReturn
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import turned
@@ -71,7 +72,10 @@ async def odometry_distance(case: Case) -> None:
     for name in _NAMES:
         for stretch in drive.of(name):
             poses = _poses(stretch)
-            case.need(len(poses) > 5, "too few Odometry lines")
+            case.need(
+                len(poses) > 5,
+                f"only {len(poses)} Odometry lines driving {name}, more than 5 are needed",
+            )
             way = [(poses[0][0], 0.0)]
             for (_, one), (time, two) in pairwise(poses):
                 middle = (one[2] + two[2]) / 2.0
@@ -81,7 +85,8 @@ async def odometry_distance(case: Case) -> None:
             slack = _WHEELS * max(map(abs, stretch.command)) * drive.radius + 0.003
             case.expect(
                 abs(found - wanted) < slack,
-                f"Pose x,y goes {found:.3f} m/s driving {name}, the wheels {wanted:.3f} m/s",
+                f"Pose x,y goes {found:.3f} m/s driving {name}, not {wanted:.3f} m/s, as the "
+                "wheels",
             )
     for name in ("forward", "back"):
         for stretch in drive.of(name):
@@ -103,19 +108,25 @@ async def odometry_heading(case: Case) -> None:
         for stretch in drive.of(name):
             left, right = stretch.command
             poses = _poses(stretch)
-            case.need(len(poses) > 5, "too few Odometry lines")
+            case.need(
+                len(poses) > 5,
+                f"only {len(poses)} Odometry lines driving {name}, more than 5 are needed",
+            )
             found = rate(unwrapped([(time, pose[2]) for time, pose in poses], math.tau))
             wanted = drive.radius * (left - right) / drive.separation
             fast = 2.0 * drive.radius * max(abs(left), abs(right)) / drive.separation
             case.expect(
                 abs(found - wanted) < _WHEELS * fast + 0.003,
-                f"theta turns by {found:.3f} rad/s driving {name}, the wheels {wanted:.3f} rad/s",
+                f"theta turns by {found:.3f} rad/s driving {name}, not by {wanted:.3f} rad/s, as "
+                "the wheels",
             )
             if abs(wanted) > 0.1:
                 true = [stretch.track.truth(time).yaw for time, _ in poses]
                 angle = sum(turned(a, b) for a, b in pairwise(true))
                 case.expect(
-                    angle * found > 0.0, f"theta grows by {found:.3f} rad/s, yaw by {angle:.3f}"
+                    angle * found > 0.0,
+                    f"theta turns by {found:.3f} rad/s, not the way of yaw, which turns by "
+                    f"{angle:.3f} rad in all",
                 )
 
 
@@ -129,7 +140,10 @@ async def odometry_path(case: Case) -> None:
     for name in _NAMES:
         for stretch in drive.of(name):
             poses = _poses(stretch)
-            case.need(len(poses) > 5, "too few Odometry lines")
+            case.need(
+                len(poses) > 5,
+                f"only {len(poses)} Odometry lines driving {name}, more than 5 are needed",
+            )
             speed = drive.radius * sum(stretch.command) / 2.0
             due = [0.0, 0.0]
             for (before, one), (time, two) in pairwise(poses):
@@ -141,8 +155,8 @@ async def odometry_path(case: Case) -> None:
                 found = poses[-1][1][axis] - poses[0][1][axis]
                 case.expect(
                     abs(found - due[axis]) < 0.05 * gone + 0.05,
-                    f"{what} of Pose changed by {found:.3f} m driving {name}, by theta and the "
-                    f"wheels {due[axis]:.3f} m",
+                    f"{what} of Pose changes by {found:.3f} m driving {name}, not by "
+                    f"{due[axis]:.3f} m, as by theta and the wheels",
                 )
 
 
@@ -158,7 +172,7 @@ async def odometry_turns(case: Case) -> None:
     while it turns round three times: it is not wrapped, and is no heading of the world."""
     drive = await _drive(case, "Odometry")
     poses = [(time, line.numbers("Pose")) for time, line in drive.track.of("Odometry")]
-    case.need(len(poses) > 5, "too few Odometry lines")
+    case.need(len(poses) > 5, f"only {len(poses)} Odometry lines, more than 5 are needed")
     for axis, value in zip(("x", "y", "theta"), poses[0][1], strict=True):
         case.expect(
             abs(value) < 0.03,
@@ -168,8 +182,8 @@ async def odometry_turns(case: Case) -> None:
     for (_, before), (time, after) in pairwise(poses):
         case.expect(
             abs(after[2] - before[2]) < math.pi / 2.0,
-            f"theta of Pose is {after[2]:.3f} at {time:.2f} s and was {before[2]:.3f} in the "
-            "report before: it jumps",
+            f"theta of Pose is {after[2]:.3f} at {time:.2f} s, not near {before[2]:.3f}, as in "
+            "the report before: it jumps",
         )
     angles = [pose[2] for _, pose in poses]
     if max(angles) - min(angles) < _ROUNDS:
@@ -267,9 +281,7 @@ async def encoder_ticks(case: Case) -> None:
                 slack = _WHEELS * max(map(abs, stretch.command)) + 0.06
                 if min(abs(found - wanted) for wanted in sides) >= slack:
                     # Where the count begins anew elsewhere than after a turn, its steps still tell.
-                    case.fail(
-                        _wrong_ticks(item, name, stepped_rate(counted), step, sides, slack, turn)
-                    )
+                    _fail_ticks(case, item, name, stepped_rate(counted), step, sides, slack, turn)
                 if name == "forward":
                     ends = [
                         stretch.track.truth(time).location for time in (values[0][0], values[-1][0])
@@ -278,11 +290,13 @@ async def encoder_ticks(case: Case) -> None:
                     rolled = (values[-1][1] - values[0][1]) * step * drive.radius
                     case.expect(
                         abs(rolled - true) < _GROUND * true + 0.04,
-                        f"Tick of {item} went {rolled:.3f} m forward, the robot {true:.3f} m",
+                        f"Tick of {item} goes {rolled:.3f} m forward, not {true:.3f} m, as the "
+                        "robot",
                     )
 
 
-def _wrong_ticks(
+def _fail_ticks(
+    case: Case,
     item: str,
     name: str,
     counts: float,
@@ -290,20 +304,18 @@ def _wrong_ticks(
     sides: Sequence[float],
     slack: float,
     turn: int,
-) -> str:
-    """What is wrong with ticks that grow by some counts per s, or begin anew elsewhere than after a
-    turn of so many ticks."""
+) -> NoReturn:
+    """Say what is wrong with ticks that grow by some counts per s, or begin anew elsewhere than
+    after a turn of so many ticks."""
     wanted = min(sides, key=lambda side: abs(counts * step - side))
-    said = (
-        f"Tick of {item} grows by {counts:.1f}/s driving {name}, {counts * step:.3f} rad/s by "
-        f"Resolution {step:g} of CONF; the wheel turns by "
-        + " or ".join(f"{side:.3f} rad/s, {side / step:.1f} ticks/s" for side in sides)
-    )
+    grows = f"Tick of {item} grows by {counts:.1f}/s driving {name}"
     if abs(counts * step - wanted) < slack:
-        return f"{said}; but it does not begin anew after about {turn} ticks, a turn"
-    if abs(wanted) > slack:
-        return f"{said}: {counts * step / wanted:.2f} times the right value"
-    return said
+        case.fail(
+            f"{grows}, as it should, but does not begin anew after about {turn} ticks, a turn"
+        )
+    right = " or ".join(f"{side / step:.1f}/s" for side in sides)
+    times = f": {counts * step / wanted:.2f} times the right value" if abs(wanted) > slack else ""
+    case.fail(f"{grows}, not by {right}, as the wheel by Resolution of CONF, {step:g} rad{times}")
 
 
 @measured("values.tachometer", "Vel and Pos of a Tachometer", "2.4")
@@ -326,14 +338,15 @@ async def tachometer(case: Case) -> None:
                     sides.append(misses.index(min(misses)))
                     case.expect(
                         min(misses) < slack,
-                        f"Vel {wheel + 1} of {item} is {found:.3f} rad/s driving {name}, the "
-                        f"wheels were told {stretch.command[0]:.3f} and {stretch.command[1]:.3f}",
+                        f"Vel {wheel + 1} of {item} is {found:.3f} rad/s driving {name}, not "
+                        f"{stretch.command[0]:.3f} or {stretch.command[1]:.3f}, as the wheels "
+                        "were told",
                     )
                     turning = rate([(time, pos[wheel]) for time, pos in places])
                     case.expect(
                         abs(turning - found) < slack,
-                        f"Pos {wheel + 1} of {item} turns by {turning:.3f} rad/s, "
-                        f"Vel is {found:.3f}",
+                        f"Pos {wheel + 1} of {item} turns by {turning:.3f} rad/s, not by "
+                        f"{found:.3f} rad/s, which is Vel",
                     )
                 if stretch.command[0] != stretch.command[1]:
                     case.expect(
@@ -367,14 +380,16 @@ async def scan_interval(case: Case) -> None:
         if interval == 0.0:
             continue
         case.expect(
-            len(times) > 2 or interval > 2.0, f"ScanInterval of {name} is {interval:g}, but no SEN"
+            len(times) > 2 or interval > 2.0,
+            f"ScanInterval of {name} is {interval:g} s, but {len(times)} SEN lines come, not at "
+            "least 3",
         )
         if len(times) < 3:
             continue
         found = (times[-1] - times[0]) / (len(times) - 1)
         case.expect(
             abs(found - interval) < 0.12 * interval + 0.005,
-            f"ScanInterval of {name} is {interval:g} s, its reports come every {found:.3f} s",
+            f"reports come every {found:.3f} s, not every {interval:g} s, ScanInterval of {name}",
         )
 
 
@@ -387,7 +402,10 @@ async def battery_drain(case: Case) -> None:
         case.skip("the robot has no battery")
     passed = last.time - first.time
     lost = first.number("Battery") - last.number("Battery")
-    case.expect(abs(lost - passed) <= 1.05, f"Battery fell by {lost:g} in {passed:.1f} s")
+    case.expect(
+        abs(lost - passed) <= 1.05,
+        f"Battery falls by {lost:g} in {passed:.1f} s, not by one a second",
+    )
 
 
 @measured("values.mission-time", "MissionTime counts minutes", "2.5", dialects=ONCE)
@@ -396,9 +414,13 @@ async def mission_time(case: Case) -> None:
     robot = await spawn_far(case, await bearer(case, "MissionTime"))
     track = Track(await robot.run(63.0))
     told = [(time, line.number("Minutes")) for time, line in track.of("MissionTime")]
-    case.need(len(told) > 10, "too few MissionTime lines")
-    case.expect(told[0][1] == 0, f"Minutes is {told[0][1]:g} after a second")
+    case.need(len(told) > 10, f"only {len(told)} MissionTime lines, more than 10 are needed")
+    case.expect(told[0][1] == 0, f"Minutes is {told[0][1]:g} at first, not 0")
     turns = [time - robot.first.time for time, minutes in told if minutes >= 1]
-    case.expect(turns, "Minutes is still 0 after a minute")
-    case.expect(58.5 < turns[0] < 62.0, f"Minutes is 1 after {turns[0]:.1f} s")
-    case.expect(not any(math.isnan(minutes) for _, minutes in told), "Minutes is no number")
+    case.expect(turns, f"Minutes is {told[-1][1]:g} after 63 s, not 1")
+    case.expect(58.5 < turns[0] < 62.0, f"Minutes is 1 after {turns[0]:.1f} s, not after 60 s")
+    case.expect(
+        not any(math.isnan(minutes) for _, minutes in told),
+        f"Minutes is no number in {sum(math.isnan(minutes) for _, minutes in told)} of "
+        f"{len(told)} lines",
+    )

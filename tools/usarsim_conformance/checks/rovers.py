@@ -160,15 +160,19 @@ async def separation(case: Case) -> None:
         exact = trip.class_name in DIFFERENTIAL
         for leg in ("clockwise", "anticlockwise"):
             turning = trip[leg].turning
-            case.need(abs(turning) > 0.005, f"{trip.class_name} hardly turns")
+            case.need(
+                abs(turning) > 0.005,
+                f"{trip.class_name} turns by {turning:.4f} rad/s, not by more than 0.005",
+            )
             seems = wheel * (_side(trip, leg, "Left") - _side(trip, leg, "Right")) / turning
             # Long ones scrub without bound.
             scrubs = _SCRUBS if trip.geo.number("WheelBase") < 0.8 * told else math.inf
             low, high = (0.9, 1.1) if exact else (0.9, scrubs)
             case.expect(
                 low * told <= seems <= high * told,
-                f"{trip.class_name} turns by {turning:.3f} rad/s with {trip[leg].command} as if its"
-                f" wheels stood {seems:.3f} m apart: WheelSeparation of GEO is {told}",
+                f"{trip.class_name} turns by {turning:.3f} rad/s with {trip[leg].command} as if "
+                f"its wheels stood {seems:.3f} m apart, not {low * told:.3f} to {high * told:.3f} "
+                f"m: WheelSeparation of GEO is {told}",
             )
 
 
@@ -180,21 +184,27 @@ async def size(case: Case) -> None:
     less than half of it; the centre of gravity lies within."""
     for trip in await _tours(case):
         dimensions, cog = trip.geo.numbers("Dimensions"), trip.geo.numbers("COG")
-        case.expect(len(dimensions) == 3 == len(cog), f"Dimensions or COG of {trip.geo}")
+        case.expect(
+            len(dimensions) == 3 == len(cog),
+            f"Dimensions and COG of GEO are {dimensions} and {cog}, not three numbers each: "
+            f"{trip.geo}",
+        )
         length, width, _ = dimensions
         base, apart = trip.geo.number("WheelBase"), trip.geo.number("WheelSeparation")
         case.expect(
             base <= 1.02 * length + 0.001 or not length,
-            f"{trip.class_name}: WheelBase {base} and Dimensions {dimensions} do not fit",
+            f"WheelBase of GEO of {trip.class_name} is {base}, not at most {length}, the length "
+            "of Dimensions",
         )
         case.expect(
             0.52 * width < apart <= 1.02 * width,
-            f"{trip.class_name}: WheelSeparation {apart} and Dimensions {dimensions} do not fit",
+            f"WheelSeparation of GEO of {trip.class_name} is {apart}, not above "
+            f"{0.52 * width:.3f} and at most {1.02 * width:.3f}, by the width of Dimensions",
         )
         case.expect(
             all(abs(part) <= max(whole, length) / 2.0 + 0.001
                 for part, whole in zip(cog, dimensions, strict=True)),
-            f"{trip.class_name}: COG {cog} lies outside of Dimensions {dimensions}",
+            f"COG of GEO of {trip.class_name} is {cog}, not within Dimensions, {dimensions}",
         )  # fmt: skip
 
 
@@ -270,7 +280,8 @@ async def dialects_agree(case: Case) -> None:
                 case.expect(
                     len(values[0]) == len(values[1])
                     and all(near(b, a, 0.01, 0.001) for a, b in zip(*values, strict=True)),
-                    f"{name} is {line.get(name)} and {other.get(name)} by dialect",
+                    f"{name} of {command} is {other.get(name)} in {dialect}, not "
+                    f"{line.get(name)}, as in {first}",
                 )
 
 

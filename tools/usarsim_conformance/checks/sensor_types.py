@@ -27,7 +27,11 @@ async def sonar_range(case: Case) -> None:
     for line in lines:
         for item in line.items():
             low, high = limits.get(item["Name"], (-math.inf, math.inf))
-            case.expect(low - 1e-3 <= float(item["Range"]) <= high + 1e-3, f"{item}: {line}")
+            case.expect(
+                low - 1e-3 <= float(item["Range"]) <= high + 1e-3,
+                f"Range of {item['Name']} is {item['Range']}, not {low:g} to {high:g}, MinRange "
+                f"to MaxRange of CONF: {line}",
+            )
 
 
 @unreal("sensors.odometry-start", "Odometry starts at zero", "6, no. 108")
@@ -35,8 +39,10 @@ async def odometry_start(case: Case) -> None:
     """Odometry is 0,0,0 at spawn, wherever the robot stands."""
     for line in (await senses(case, "Odometry"))[1][:1]:
         pose = line.numbers("Pose")
-        case.expect(len(pose) == 3, f"no three numbers: {line}")
-        case.expect(max(map(abs, pose)) < 0.02, f"not zero: {line}")
+        case.expect(len(pose) == 3, f"Pose is {line.get('Pose')}, not three numbers: {line}")
+        case.expect(
+            max(map(abs, pose)) < 0.02, f"Pose is {line.get('Pose')} at first, not 0,0,0: {line}"
+        )
 
 
 @unreal("sensors.odometry-forward", "Odometry grows forward", "6, no. 108")
@@ -47,11 +53,15 @@ async def odometry_forward(case: Case) -> None:
     if not lines:
         case.skip("the robot has no Odometry")
     rolled = lines[-1].numbers("Pose")[0] - lines[0].numbers("Pose")[0]
-    case.expect(rolled > 0.0, f"x changed by {rolled:.3f} while driving forward")
-    case.need(len(lines) > 2, "too few Odometry lines")
+    case.expect(
+        rolled > 0.0,
+        f"x of Pose changes by {rolled:.3f} m while driving forward, not by more than 0",
+    )
+    case.need(len(lines) > 2, f"only {len(lines)} Odometry lines, more than 2 are needed")
     case.expect(
         abs(rolled - forward.moved[0]) < 0.12 * abs(forward.moved[0]) + 0.07,
-        f"{rolled:.3f} m by odometry, {forward.moved[0]:.3f} m in truth",
+        f"x of Pose changes by {rolled:.3f} m, not by {forward.moved[0]:.3f} m, as the robot in "
+        "truth",
     )
 
 
@@ -62,7 +72,10 @@ async def odometry_clockwise(case: Case) -> None:
     if len(lines) < 2:
         case.skip("the robot has no Odometry")
     turn = math.remainder(lines[-1].numbers("Pose")[2] - lines[0].numbers("Pose")[2], math.tau)
-    case.expect(turn > 0.05, f"theta changed by {turn:.3f} in a clockwise turn")
+    case.expect(
+        turn > 0.05,
+        f"theta of Pose changes by {turn:.3f} in a clockwise turn, not by more than 0.05",
+    )
 
 
 @unreal("sensors.encoder-forward", "Encoders count forward", "6, no. 110")
@@ -82,7 +95,11 @@ async def encoder_forward(case: Case) -> None:
                 continue
             # Encoders of udk wrap at a turn of 360 ticks.
             change = sum(math.remainder(b - a, 360.0) for a, b in pairwise(values))
-            case.expect(change * sign > 0, f"{item_name} changed by {change:g} driving {name}")
+            case.expect(
+                change * sign > 0,
+                f"Tick of {item_name} changes by {change:g} driving {name}, which should be "
+                f"{'above' if sign > 0 else 'below'} 0",
+            )
 
 
 @control("sensors.encoder-integers", "Ticks are integers", "4.6")
@@ -90,7 +107,10 @@ async def encoder_integers(case: Case) -> None:
     """Encoder ticks are integers."""
     for line in (await senses(case, "Encoder"))[1]:
         for item in line.items():
-            case.expect(re.fullmatch(r"-?\d+", item.get("Tick", "")), f"{item}: {line}")
+            case.expect(
+                re.fullmatch(r"-?\d+", item.get("Tick", "")),
+                f"Tick of {item.get('Name')} is {item.get('Tick')!r}, not an integer: {line}",
+            )
 
 
 @udk("sensors.encoder-names-udk", "Encoders are called Wk in udk", "4.6 and 5.3", Severity.SHOULD)
@@ -99,7 +119,10 @@ async def encoder_names_udk(case: Case) -> None:
     for line in (await senses(case, "Encoder"))[1]:
         if line.get("Name") in _OF_MOUNTS:
             continue
-        case.expect(re.fullmatch(r"W\d+", line.get("Name") or ""), f"{line}")
+        case.expect(
+            re.fullmatch(r"W\d+", line.get("Name") or ""),
+            f"Name of an encoder is {line.get('Name')!r}, not W and a number: {line}",
+        )
 
 
 _GPS = re.compile(r"\d+,\d+\.\d{4},([NSEW])")
@@ -110,28 +133,41 @@ async def gps(case: Case) -> None:
     """GPS minutes have four digits, degrees are integers, hemisphere letters are N/S and E/W;
     without a fix there are no coordinates."""
     for line in (await senses(case, "GPS"))[1]:
-        case.expect(re.fullmatch("[01]", line.get("Fix") or ""), f"Fix: {line}")
-        case.expect(re.fullmatch(r"\d+", line.get("Satellites") or ""), f"Satellites: {line}")
+        case.expect(
+            re.fullmatch("[01]", line.get("Fix") or ""),
+            f"Fix is {line.get('Fix')!r}, not 0 or 1: {line}",
+        )
+        case.expect(
+            re.fullmatch(r"\d+", line.get("Satellites") or ""),
+            f"Satellites is {line.get('Satellites')!r}, not an integer: {line}",
+        )
         if line.get("Fix") == "0":
-            case.expect("Latitude" not in line.names, f"coordinates without a fix: {line}")
+            case.expect(
+                "Latitude" not in line.names,
+                f"Latitude is {line.get('Latitude')} with Fix 0, not absent: {line}",
+            )
             continue
         for name, letters in (("Latitude", "NS"), ("Longitude", "EW")):
             found = _GPS.fullmatch(line.get(name) or "")
-            case.expect(found and found[1] in letters, f"{name}: {line}")
+            case.expect(
+                found and found[1] in letters,
+                f"{name} is {line.get(name)!r}, not degrees, minutes with four digits, and "
+                f"{' or '.join(letters)}: {line}",
+            )
 
 
 @control("sensors.ground-truth", "GroundTruth is Location, Orientation", "6, no. 117")
 async def ground_truth(case: Case) -> None:
     """GroundTruth has Location and then Orientation."""
     for line in (await senses(case, "GroundTruth"))[1]:
-        case.expect(line.names[-2:] == ("Location", "Orientation"), f"{line}")
+        case.expect_names(line, ("Location", "Orientation"), line.names[-2:])
 
 
 @control("sensors.ins", "INS is Location, Orientation", "4.5")
 async def ins(case: Case) -> None:
     """INS has Location and then Orientation."""
     for line in (await senses(case, "INS"))[1]:
-        case.expect(line.names[-2:] == ("Location", "Orientation"), f"{line}")
+        case.expect_names(line, ("Location", "Orientation"), line.names[-2:])
 
 
 @unreal("sensors.ins-agrees", "INS agrees with the truth at first", "4.6", Severity.SHOULD)
@@ -142,7 +178,11 @@ async def ins_agrees(case: Case) -> None:
     if not truth:
         case.skip("the robot has no GroundTruth")
     away = math.dist(lines[0].numbers("Location")[:2], truth[0].numbers("Location")[:2])
-    case.expect(away < 0.5, f"{away:.2f} m away: {lines[0]}")
+    case.expect(
+        away < 0.5,
+        f"Location of INS is {away:.2f} m off that of GroundTruth at first, not within 0.5 m: "
+        f"{lines[0]}",
+    )
 
 
 @control("sensors.touch", "Touch is True or False", "6, no. 118")
@@ -150,7 +190,10 @@ async def touch(case: Case) -> None:
     """Touch values are `True` or `False`; a robot in the open touches nothing."""
     for line in (await senses(case, "Touch"))[1]:
         for item in line.items():
-            case.expect(item.get("Touch") in ("True", "False"), f"{item}: {line}")
+            case.expect(
+                item.get("Touch") in ("True", "False"),
+                f"Touch of {item.get('Name')} is {item.get('Touch')!r}, not True or False: {line}",
+            )
 
 
 @unreal("sensors.tachometer", "Tachometer has Vel and Pos", "6, no. 119")
@@ -159,8 +202,12 @@ async def tachometer(case: Case) -> None:
     for line in (await senses(case, "Tachometer"))[1]:
         if line.names[-1] == "Name":
             continue  # the first report may be empty
-        case.expect(line.names[-2:] == ("Vel", "Pos"), f"{line}")
-        case.expect(len(line.numbers("Vel")) == len(line.numbers("Pos")), f"{line}")
+        case.expect_names(line, ("Vel", "Pos"), line.names[-2:])
+        case.expect(
+            len(line.numbers("Vel")) == len(line.numbers("Pos")),
+            f"Pos has {len(line.numbers('Pos'))} numbers, not {len(line.numbers('Vel'))}, as Vel: "
+            f"{line}",
+        )
 
 
 @unreal("sensors.victims", "Victims are told in known words", "6, no. 114 and 115")
@@ -173,15 +220,23 @@ async def victims(case: Case) -> None:
         if data[:1] == (("Status", "NoVictims"),):
             continue
         names = [name for name, _ in data]
-        case.expect(names == ["PartName", "Location"] * (len(names) // 2) and names, f"{line}")
-        case.expect({value for name, value in data if name == "PartName"} <= parts, f"{line}")
+        case.expect(
+            names == ["PartName", "Location"] * (len(names) // 2) and names,
+            f"segments behind Name are {' '.join(names)}, not PartName and Location by turns: "
+            f"{line}",
+        )
+        odd = {value for name, value in data if name == "PartName"} - parts
+        case.expect(
+            not odd,
+            f"PartName is {', '.join(sorted(odd))}, not one of {', '.join(sorted(parts))}: {line}",
+        )
 
 
 @ut2004("sensors.camera-silent", "Cameras send no SEN", "4.6")
 async def camera_silent(case: Case) -> None:
     """In ut2004 a camera sends no SEN line: pictures travel on another port."""
     lines = (await standing(case)).of("SEN", "Camera")
-    case.expect(not lines, f"a camera's line: {lines[:1]}")
+    case.expect(not lines, f"{len(lines)} SEN lines come from a camera, not 0")
 
 
 @udk("sensors.climb", "AltitudeSensor grows upwards", "6, no. 123")
@@ -200,4 +255,6 @@ async def climb(case: Case) -> None:
     await robot.run(1.5)
     later = await robot.sensor("AltitudeSensor")
     rise = later.number("relativeAltitude") - line.number("relativeAltitude")
-    case.expect(rise > 0.1, f"climbing changed it by {rise:.2f}")
+    case.expect(
+        rise > 0.1, f"relativeAltitude changes by {rise:.2f} m in a climb, not by more than 0.1 m"
+    )

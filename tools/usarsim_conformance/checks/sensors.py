@@ -52,8 +52,8 @@ _WHEN_THERE = ("RFID", "RFIDTag", "VictSensor", "VictRFID", "HumanMotion", "Soun
 async def named(case: Case) -> None:
     """Every SEN line has a Type and, unless it is the camera's, a Name."""
     for line in (await senses(case))[1]:
-        case.expect(line.type, f"no Type: {line}")
-        case.expect(line.type == "Camera" or line.get("Name"), f"no Name: {line}")
+        case.expect(line.type, f"Type is missing: {line}")
+        case.expect(line.type == "Camera" or line.get("Name"), f"Name is missing: {line}")
 
 
 @control("sensors.order", "Time, Type, Name, data", "6, no. 95")
@@ -61,10 +61,15 @@ async def order(case: Case) -> None:
     """Time, if present, is the first segment; Type precedes Name; Name precedes all data."""
     for line in (await senses(case))[1]:
         names = [name for name in line.names if name != "Battery" or case.dialect != "gazebo"]
-        case.expect("Time" not in names[1:], f"Time is not the first segment: {line}")
+        case.expect(
+            "Time" not in names[1:], f"Time stands behind {line.names[0]}, not first: {line}"
+        )
         rest = names[1:] if names[0] == "Time" else names
-        case.expect(rest[0] == "Type", f"Type is not next: {line}")
-        case.expect(line.type == "Camera" or rest[1:2] == ["Name"], f"no Name next: {line}")
+        case.expect(rest[0] == "Type", f"{rest[0]} comes first or behind Time, not Type: {line}")
+        case.expect(
+            line.type == "Camera" or rest[1:2] == ["Name"],
+            f"Name does not come behind Type: {line}",
+        )
 
 
 @ut2004("sensors.untimed", "Types without Time", "6, no. 96")
@@ -75,7 +80,7 @@ async def untimed(case: Case) -> None:
     if not lines:
         case.skip("the robot has none of these sensors")
     for line in lines:
-        case.expect("Time" not in line.names, f"a Time: {line}")
+        case.expect("Time" not in line.names, f"Time is {line.get('Time')}, not absent: {line}")
 
 
 @ut2004("sensors.timed", "Types with Time", "6, no. 96")
@@ -85,7 +90,9 @@ async def timed(case: Case) -> None:
     if not lines:
         case.skip("the robot has none of these sensors")
     for line in lines:
-        case.expect(line.names[0] == "Time", f"no Time: {line}")
+        case.expect(
+            line.names[0] == "Time", f"the first segment is {line.names[0]}, not Time: {line}"
+        )
 
 
 @udk("sensors.timed-udk", "Types with Time in udk", "5.3", Severity.SHOULD)
@@ -94,14 +101,16 @@ async def timed_udk(case: Case) -> None:
     older robots, which UDK does not know, is no rule's business."""
     for line in (await senses(case))[1]:
         if line.type not in ("INS", "INU", "GPS", "ObjectSensor", "LineLaser"):
-            case.expect(line.names[0] == "Time", f"no Time: {line}")
+            case.expect(
+                line.names[0] == "Time", f"the first segment is {line.names[0]}, not Time: {line}"
+            )
 
 
 @unreal("sensors.ins-untimed", "INS has no Time", "6, no. 113")
 async def ins_untimed(case: Case) -> None:
     """INS lines have no Time in either dialect."""
     for line in (await senses(case, "INS"))[1]:
-        case.expect("Time" not in line.names, f"a Time: {line}")
+        case.expect("Time" not in line.names, f"Time is {line.get('Time')}, not absent: {line}")
 
 
 @ut2004("sensors.batched", "One line for all of a type", "6, no. 97 and 99")
@@ -117,10 +126,15 @@ async def batched(case: Case) -> None:
         items = {item["Name"] for line in lines for item in line.items()}
         for line in lines:
             found = [item["Name"] for item in line.items()]
-            case.expect(set(found) == items, f"not all of {sorted(items)} in one line: {line}")
+            case.expect(
+                set(found) == items,
+                f"items of one line are {' '.join(found)}, not all of {' '.join(sorted(items))}: "
+                f"{line}",
+            )
             data = [value for name, value in line.segments if name == "Name"]
             case.expect(
-                all(len(value.split(" ")) == 3 for value in data), f"not {{Name n Key v}}: {line}"
+                all(len(value.split(" ")) == 3 for value in data),
+                f"segments of items are {data}, not each a name, a key and a value: {line}",
             )
 
 
@@ -135,8 +149,8 @@ async def single(case: Case) -> None:
     for type in types:
         for line in recording.of("SEN", type):
             names = [value for name, value in line.segments if name == "Name"]
-            case.expect(len(names) == 1, f"{len(names)} items in one line: {line}")
-            case.expect(" " not in names[0], f"pairs in one segment: {line}")
+            case.expect(len(names) == 1, f"{len(names)} items are in one line, not 1: {line}")
+            case.expect(" " not in names[0], f"Name is {names[0]!r}, not a name alone: {line}")
 
 
 @ut2004("sensors.sixteen", "P2AT has sixteen sonars", "6, no. 100")
@@ -147,7 +161,11 @@ async def sixteen(case: Case) -> None:
     _, lines = await senses(case, "Sonar")
     wanted = [f"{side}{number}" for side in "FR" for number in range(1, 9)]
     for line in lines:
-        case.expect([item["Name"] for item in line.items()] == wanted, f"other sonars: {line}")
+        case.expect(
+            [item["Name"] for item in line.items()] == wanted,
+            f"sonars of a line are {' '.join(item['Name'] for item in line.items())}, not "
+            f"{' '.join(wanted)}",
+        )
 
 
 @unreal("sensors.keys", "Range, Tick and Touch", "6, no. 97 to 99")
@@ -161,7 +179,9 @@ async def keys(case: Case) -> None:
     for type in types:
         for line in recording.of("SEN", type):
             for item in line.items():
-                case.expect(wanted[type] in item, f"no {wanted[type]} of {item['Name']}: {line}")
+                case.expect(
+                    wanted[type] in item, f"{wanted[type]} of {item['Name']} is missing: {line}"
+                )
 
 
 @control("sensors.short", "Other lines stay below 1024 bytes", "6, no. 107", Severity.SHOULD)
@@ -169,7 +189,10 @@ async def short(case: Case) -> None:
     """No SEN line of a type without long lists exceeds 1024 bytes."""
     for line in (await senses(case))[1]:
         if line.type not in _LONG:
-            case.expect(len(line.raw) <= 1024, f"{len(line.raw)} bytes: {line}")
+            case.expect(
+                len(line.raw) <= 1024,
+                f"a line of {line.type} has {len(line.raw)} bytes, not at most 1024: {line}",
+            )
 
 
 @control("sensors.interval", "Sensors keep their intervals", "6, no. 122")
@@ -191,7 +214,7 @@ async def interval(case: Case) -> None:
         case.skip("the robot has no periodic sensors")
     for key, stamps in times.items():
         odd = irregular(stamps, rough=key in untimed)
-        case.expect(not odd, f"{' '.join(key)} is irregular: {odd}")
+        case.expect(not odd, f"reports of {' '.join(key)} do not come at one interval: {odd}")
 
 
 _NORTH, _EAST = 111_200.0, 71_670.0
@@ -239,7 +262,7 @@ async def _stations(case: Case) -> list[_Station]:
                 for _, line in track.of("GPS")
                 if line.get("Fix") == "1"
             ]
-            case.need(len(fixes) >= 20, "too few GPS lines with a fix")
+            case.need(len(fixes) >= 20, f"only {len(fixes)} GPS lines with a fix, 20 are needed")
             return _Station(track.true_poses[-1][1], fixes)
 
         return [await stand(0.0, 0.0), await stand(_AWAY, 0.0), await stand(0.0, _AWAY)]
@@ -310,6 +333,10 @@ async def gps_noise(case: Case) -> None:
 async def gps_satellites(case: Case) -> None:
     """On open floor Satellites is between 4 and 12, the same at places not far from each other."""
     counts = [fix[2] for one in await _stations(case) for fix in one.fixes]
-    case.expect(min(counts) >= 4, f"Satellites is {min(counts)} with a fix")
-    case.expect(max(counts) <= 12, f"Satellites is {max(counts)}")
-    case.expect(max(counts) - min(counts) <= 1, f"Satellites goes {min(counts)} to {max(counts)}")
+    case.expect(min(counts) >= 4, f"Satellites is {min(counts)} with a fix, not at least 4")
+    case.expect(max(counts) <= 12, f"Satellites is {max(counts)}, not at most 12")
+    case.expect(
+        max(counts) - min(counts) <= 1,
+        f"Satellites is {min(counts)} to {max(counts)} at places near each other, not the same "
+        "within 1",
+    )

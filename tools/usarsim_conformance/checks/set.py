@@ -73,9 +73,12 @@ async def result(case: Case) -> None:
     name = await _item(case, "Odometry")
     robot = await case.spawn()
     found = await _responses(robot, f"SET {{Type Odometry}} {{Name {name}}} {{Opcode RESET}}")
-    case.expect(len(found) == 1, f"{len(found)} RES lines")
-    case.expect(found[0].names == ("Time", "Type", "Name", "Status"), f"{found[0]}")
-    case.expect(found[0].get("Status") == "OK", f"{found[0]}")
+    case.expect(len(found) == 1, f"SET RESET is answered by {len(found)} RES lines, not by 1")
+    case.expect_names(found[0], ("Time", "Type", "Name", "Status"))
+    case.expect(
+        found[0].get("Status") == "OK",
+        f"Status of RES is {found[0].get('Status')}, not OK: {found[0]}",
+    )
 
 
 @udk("set.no-result-udk", "SET is not answered in udk", "6, no. 163")
@@ -84,7 +87,7 @@ async def no_result(case: Case) -> None:
     name = await _item(case, "Odometry")
     robot = await case.spawn()
     found = await _responses(robot, f"SET {{Type Odometry}} {{Name {name}}} {{Opcode RESET}}")
-    case.expect(not found, f"{found[:1]}")
+    case.expect_silence(found, "SET in udk")
 
 
 @unreal("set.unknown", "An unknown SET does no harm", "3.7")
@@ -96,7 +99,7 @@ async def unknown(case: Case) -> None:
         "SET {Type Sonar} {Name none} {Opcode RESET} {Params 1,2,3}", "SET {Name x}",
         "SET {Type Camera} {Opcode Zoom} {Params much}", "SET {Opcode RESET}",
     )  # fmt: skip
-    case.expect(await robot.client.is_alive(), "the connection no longer answers")
+    await case.expect_alive(robot.client, "SET of unknown types, items and opcodes")
     await robot.wait(lambda line: line.head == "STA", what="STA")
 
 
@@ -113,7 +116,11 @@ async def scan(case: Case) -> None:
     usual = scans(await robot.client.listen(1.5))
     command = f"SET {{Type RangeScanner}} {{Name {name}}} {{Opcode SCAN}}"
     more = scans(await robot.client.outcome(*[command] * 8, seconds=1.5))
-    case.expect(more >= usual + 4, f"{usual} scans in 1.5 s without SCAN, {more} with eight")
+    case.expect(
+        more >= usual + 4,
+        f"{more} scans come in 1.5 s with eight SCAN, not at least {usual + 4}, four more than "
+        "without",
+    )
 
 
 @unreal("set.ins-pose", "POSE sets the estimate of INS", "3.7", Severity.SHOULD)
@@ -176,7 +183,11 @@ async def zoom_limits(case: Case) -> None:
             f"GETCONF {{Type Camera}} {{Name {name}}}", "CONF {Type Camera"
         )
         gap = abs(told.number("CameraFov") - told.number(wanted))
-        case.expect(gap < 0.01 * told.number(wanted), f"FOV {value} gives {told}")
+        case.expect(
+            gap < 0.01 * told.number(wanted),
+            f"CameraFov is {told.number('CameraFov'):g} after FOV {value}, not "
+            f"{told.number(wanted):g}, {wanted}: {told}",
+        )
 
 
 @unreal("set.viewports", "SET of viewports does no harm", "side channels reference 11, no. 46")
@@ -188,7 +199,7 @@ async def viewports(case: Case) -> None:
         " {Viewport3 Disabled} {Viewport4 Disabled}",
         "SET {Type Viewports} {Config SingleView} {Viewport1 Camera2}",
     )
-    case.expect(await robot.client.is_alive(), "the connection no longer answers")
+    await case.expect_alive(robot.client, "SET {Type Viewports}")
 
 
 @ut2004("set.releaser", "RFIDReleaser answers with OK at the end", "6, no. 164", Severity.SHOULD)
@@ -198,7 +209,10 @@ async def releaser(case: Case) -> None:
     found = await _responses(robot, "SET {Type RFIDReleaser} {Name Gun} {Opcode Release}", 1.2)
     if not found:
         case.skip(f"{robot.class_name} has no RFIDReleaser called Gun")
-    case.expect(found[0].raw.endswith(b"{status OK}\r\n"), f"{found[0]}")
+    case.expect(
+        found[0].raw.endswith(b"{status OK}\r\n"),
+        f"RES ends with {found[0].raw[-20:]!r}, not with {{status OK}} and CR LF",
+    )
 
 
 @ut2004("set.rfid", "RFID memory is read and written", "6, no. 40 and 165", Severity.SHOULD)
@@ -217,17 +231,28 @@ async def rfid(case: Case) -> None:
     failed = await _responses(
         robot, f"SET {{Type RFID}} {{Name {reader}}} {{Opcode Read}} {{Params 99999}}"
     )
-    case.expect(len(failed) == 1, f"reading an unknown tag gave {len(failed)} RES lines")
-    case.expect(failed[0].get("status") == "Failed", f"{failed[0]}")
+    case.expect(
+        len(failed) == 1, f"reading an unknown tag is answered by {len(failed)} RES lines, not by 1"
+    )
+    case.expect(
+        failed[0].get("status") == "Failed",
+        f"status of RES is {failed[0].get('status')} for an unknown tag, not Failed: {failed[0]}",
+    )
     if line is None:
         case.skip("no tag is near")
     assert line is not None
     tag, memory = line.get("ID"), "two words"
     command = f"SET {{Type RFID}} {{Name {reader}}} {{Opcode "
     written = await _responses(robot, f"{command}Write}} {{Params {tag} {memory}}}")
-    case.expect([one.get("status") for one in written] == ["OK"], f"{written}")
+    case.expect(
+        [one.get("status") for one in written] == ["OK"],
+        f"status of RES after Write is {[one.get('status') for one in written]}, not one OK",
+    )
     read = await _responses(robot, f"{command}Read}} {{Params {tag}}}")
-    case.expect([one.get("Mem") for one in read] == [memory], f"{read}")
+    case.expect(
+        [one.get("Mem") for one in read] == [memory],
+        f"Mem of RES after Read is {[one.get('Mem') for one in read]}, not {memory!r}, as written",
+    )
 
 
 async def _with_rfid(case: Case) -> Robot:

@@ -59,7 +59,11 @@ async def ground_ut2004(case: Case) -> None:
     """A ground vehicle's STA is Type, Time, FrontSteer, RearSteer, joints, LightToggle,
     LightIntensity, Battery, View, in this order, with two digits of time and four of angles."""
     for line in await _ground(case):
-        case.expect(_GROUND.fullmatch(line.text), f"another form: {line}")
+        case.expect(
+            _GROUND.fullmatch(line.text),
+            "STA has another form, not Type, Time, FrontSteer, RearSteer, joints, LightToggle, "
+            f"LightIntensity, Battery, View with two digits of Time and four of angles: {line}",
+        )
 
 
 @udk("status.ground-udk", "STA as clients of UDK read it", "4.3 and 5.3")
@@ -68,11 +72,18 @@ async def ground_udk(case: Case) -> None:
     View, and four digits of time."""
     for line in await _ground(case):
         digits = re.search(r"\{Time \d+\.\d{4}\}", line.text)
-        case.expect(digits, f"Time has not four digits: {line}")
+        case.expect(digits, f"Time is {line.get('Time')}, not a number with four digits: {line}")
         expected = {"Type", "Time", "Battery", "LightToggle", "LightIntensity", "FrontSteer"}
-        case.expect(expected <= set(line.names), f"a segment is missing: {line}")
+        case.expect(
+            expected <= set(line.names),
+            f"{', '.join(sorted(expected - set(line.names)))} is missing: {line}",
+        )
         ordered = line.names[0] == "Type" or _GROUND_UDK.fullmatch(line.text)
-        case.expect(ordered, f"neither order: {line}")
+        case.expect(
+            ordered,
+            f"segments are {' '.join(line.names)}, not in the order of UDK nor in that of UT2004: "
+            f"{line}",
+        )
 
 
 @gazebo("status.ground-gazebo", "STA in the form of the Gazebo prototype", "4.15", Severity.SHOULD)
@@ -84,15 +95,15 @@ async def ground_gazebo(case: Case) -> None:
         "CountPer1sec",
     )  # fmt: skip
     for line in await _ground(case):
-        case.expect(line.names == names, f"other segments: {line}")
-        case.expect("} {" not in line.text, f"blanks between segments: {line}")
+        case.expect_names(line, names)
+        case.expect("} {" not in line.text, f"segments have blanks between, not none: {line}")
 
 
 @control("status.type", "STA names its type", "5.2, no. 17")
 async def has_type(case: Case) -> None:
     """Every STA of a robot has a Type, whatever the dialect."""
     for line in await _states(case):
-        case.expect(line.type, f"no Type: {line}")
+        case.expect(line.type, f"Type is missing: {line}")
 
 
 @control("status.integers", "Battery and View are integers", "6, no. 89")
@@ -112,7 +123,10 @@ async def has_time(case: Case) -> None:
     robot = await case.spawn()
     for _ in range(8):
         line = await robot.wait(lambda line: line.head == "STA", what="STA")
-        case.expect(re.fullmatch(r"\d+\.\d+", line.get("Time") or ""), f"no Time: {line}")
+        case.expect(
+            re.fullmatch(r"\d+\.\d+", line.get("Time") or ""),
+            f"Time is {line.get('Time')}, not a number with digits behind the point: {line}",
+        )
 
 
 @control("status.battery", "Battery counts down slowly", "4.3", Severity.SHOULD)
@@ -122,8 +136,10 @@ async def battery(case: Case) -> None:
     values = [line.number("Battery") for line in lines if line.get("Battery") is not None]
     if not values:
         case.skip("STA has no Battery")
-    case.expect(all(value >= 0 for value in values), f"values: {values}")
-    case.expect(all(a >= b for a, b in pairwise(values)), f"the battery recovers: {values}")
+    case.expect(all(value >= 0 for value in values), f"Battery is {min(values):g}, not at least 0")
+    case.expect(
+        all(a >= b for a, b in pairwise(values)), f"Battery grows at rest, and should not: {values}"
+    )
 
 
 @control("status.light", "DRIVE Light switches the light", "6, no. 90")
@@ -134,7 +150,11 @@ async def light(case: Case) -> None:
         await robot.send(f"DRIVE {{Light {state}}}")
         await robot.catch_up()
         seen = [await robot.wait(lambda line: line.head == "STA", what="STA") for _ in range(2)]
-        case.expect(seen[-1].get("LightToggle") == state.title(), f"after {state}: {seen[-1]}")
+        case.expect(
+            seen[-1].get("LightToggle") == state.title(),
+            f"LightToggle is {seen[-1].get('LightToggle')} after Light {state}, not "
+            f"{state.title()}: {seen[-1]}",
+        )
 
 
 @control("status.light-moves-nothing", "Light moves nothing", "6, no. 90")
@@ -144,7 +164,10 @@ async def light_moves_nothing(case: Case) -> None:
     await robot.run(0.5)
     before, after = await case.drive(robot, "DRIVE {Light true}", 0.8)
     ahead = before.ahead(after)
-    case.expect(max(map(abs, ahead)) < 0.03, f"the robot moved by {ahead}")
+    case.expect(
+        max(map(abs, ahead)) < 0.03,
+        f"the robot moves by {ahead} m with Light alone, not by less than 0.03 m",
+    )
 
 
 @unreal("status.rate", "STA keeps its rate", "6, no. 91", Severity.SHOULD)
@@ -156,7 +179,10 @@ async def rate(case: Case) -> None:
     case.need(len(times) > 4, f"only {len(times)} STA lines")
     period = (times[-1] - times[0]) / (len(times) - 1)
     wanted = _PERIODS[case.dialect]
-    case.expect(abs(period - wanted) <= 0.02 * wanted, f"the period is {period:.3f} s")
+    case.expect(
+        abs(period - wanted) <= 0.02 * wanted,
+        f"STA comes every {period:.3f} s, not every {wanted:g} s",
+    )
 
 
 @control("status.steady", "STA is regular", "6, no. 91")
@@ -166,14 +192,18 @@ async def steady(case: Case) -> None:
     times = [line.time for line in await watched(case) if line.head == "STA"]
     case.need(len(times) > 4, f"only {len(times)} STA lines")
     odd = irregular(times)
-    case.expect(not odd, f"STA is irregular: {odd}")
+    case.expect(not odd, f"STA does not come at one interval: {odd}")
 
 
 @ut2004("status.aerial", "STA of aerial robots", "6, no. 87")
 async def aerial(case: Case) -> None:
     """An aerial robot's STA has Type AerialVehicle right after the head."""
     robot = await case.spawn("aerial")
-    case.expect(robot.first.segments[:1] == (("Type", "AerialVehicle"),), f"{robot.first}")
+    case.expect(
+        robot.first.segments[:1] == (("Type", "AerialVehicle"),),
+        f"the first segment of STA is {robot.first.segments[:1]}, not Type AerialVehicle: "
+        f"{robot.first}",
+    )
 
 
 @ut2004("status.flippers", "STA lists the flippers", "6, no. 88")
@@ -183,9 +213,16 @@ async def flippers(case: Case) -> None:
     robot = await case.spawn("flippers")
     names = [name for name in robot.first.names if name.endswith("Flipper")]
     wanted = ["FRFlipper", "FLFlipper", "RRFlipper", "RLFlipper"]
-    case.expect(names == wanted, f"{robot.first}")
+    case.expect(
+        names == wanted,
+        f"flippers of STA are {' '.join(names)}, not {' '.join(wanted)}: {robot.first}",
+    )
     place = robot.first.names.index("RearSteer")
-    case.expect(robot.first.names[place + 1 : place + 5] == tuple(wanted), f"{robot.first}")
+    case.expect(
+        robot.first.names[place + 1 : place + 5] == tuple(wanted),
+        f"segments behind RearSteer are {' '.join(robot.first.names[place + 1 : place + 5])}, not "
+        f"{' '.join(wanted)}: {robot.first}",
+    )
 
 
 @unreal("status.legged", "STA of legged robots", "4.4", Severity.SHOULD)
@@ -193,7 +230,10 @@ async def legged(case: Case) -> None:
     """A legged robot's STA has Type LeggedRobot (ut2004) or LeggedVehicle (udk)."""
     robot = await case.spawn("legged")
     wanted = "LeggedRobot" if case.dialect == "ut2004" else "LeggedVehicle"
-    case.expect(robot.first.type == wanted, f"{robot.first}")
+    case.expect(
+        robot.first.type == wanted,
+        f"Type of STA is {robot.first.type}, not {wanted}: {robot.first}",
+    )
 
 
 @once("status.battery-dead", "A dead battery ends SEN, not STA", "6, no. 92 and 162")
@@ -208,8 +248,12 @@ async def battery_dead(case: Case) -> None:
     await robot.run(1.2)  # 0 is what is left of the last second, too
     lines = await robot.run(1.0)
     late = [line for line in lines if line.head == "SEN"]
-    case.expect(not late, f"a dead robot still senses: {late[:1]}")
-    case.expect(any(line.head == "STA" for line in lines), "STA ends with Battery 0, not SEN only")
+    case.expect_silence(late, "Battery 0")
+    case.expect(
+        any(line.head == "STA" for line in lines),
+        f"{sum(line.head == 'STA' for line in lines)} STA lines come in 1 s with Battery 0, not "
+        "at least 1",
+    )
     await _stays(case, robot)
 
 

@@ -35,7 +35,9 @@ async def _rest(case: Case, client: LineClient) -> list[str]:
     lines: list[str] = []
     while (line := await client.line()) != "{End}":
         lines.append(line)
-        case.expect(len(lines) < _MOST_LINES, "the listing has no end")
+        case.expect(
+            len(lines) < _MOST_LINES, f"a listing has {_MOST_LINES} lines and more, but no {{End}}"
+        )
     return lines
 
 
@@ -54,10 +56,14 @@ async def _own(case: Case, client: LineClient, robot: Robot) -> re.Match[str]:
     where = (await robot.pose()).location
     found = [match for line in await _ask(case, client) if (match := _FORM.match(line))]
     mine = [match for match in found if match[2] == robot.class_name]
-    case.expect(mine, f"no actor of class {robot.class_name} is listed")
+    case.expect(mine, f"{robot.class_name} is missing among the classes that are listed")
     nearest = min(mine, key=lambda match: math.dist(numbers(match[4]), where))
     off = math.dist(numbers(nearest[4]), where)
-    case.expect(off < 0.5, f"the nearest {robot.class_name} is listed {off:.2f} m away")
+    case.expect(
+        off < 0.5,
+        f"Location of the nearest {robot.class_name} is {off:.2f} m off the robot, not less than "
+        "0.5 m",
+    )
     return nearest
 
 
@@ -84,7 +90,7 @@ async def actors(case: Case) -> None:
     mine = (await _own(case, client, robot))[1]
     for query in ("{Actors}", "hello", "{Actor}", "{}"):
         found = [_name(line) for line in await _ask(case, client, query)]
-        case.expect(mine in found, f"{query!r} does not list {mine}")
+        case.expect(mine in found, f"{mine} is missing in the listing of {query!r}")
 
 
 @truth("query.class", "Queries by class", "11.90, 6.1")
@@ -94,9 +100,12 @@ async def by_class(case: Case) -> None:
     client = await _client(case)
     mine = (await _own(case, client, robot))[1]
     lines = await _ask(case, client, f"{{class USARBot.{robot.class_name}}}")
-    case.expect(mine in [_name(line) for line in lines], f"{mine} is not among {lines}")
+    case.expect(
+        mine in [_name(line) for line in lines],
+        f"{mine} is missing in the listing of its class: {lines}",
+    )
     others = [line for line in lines if f"{{Class {robot.class_name}}}" not in line]
-    case.expect(not others, f"others are listed as well: {others}")
+    case.expect(not others, f"the listing of a class has others, not only that: {others}")
 
 
 @truth("query.unknown-class", "An unknown class lists nothing", "11.90, 6.1")
@@ -104,7 +113,7 @@ async def unknown_class(case: Case) -> None:
     """A class that does not exist gives only the end marker."""
     await case.spawn()
     lines = await _ask(case, await _client(case), "{class USARBot.NoSuchRobot}")
-    case.expect(not lines, f"it lists {lines[:3]}")
+    case.expect(not lines, f"a class that does not exist lists {lines[:3]}, not nothing")
 
 
 @truth("query.name", "Queries by name", "11.91, 6.1")
@@ -115,7 +124,7 @@ async def by_name(case: Case) -> None:
     mine = (await _own(case, client, robot))[1]
     for query in (f"{{name {mine}}}", f"{{class USARBot.{robot.class_name}}} {{name {mine}}}"):
         names = [_name(line) for line in await _ask(case, client, query)]
-        case.expect(names == [mine], f"{query} lists {names}")
+        case.expect(names == [mine], f"{query} lists {names}, not {mine} alone")
 
 
 @truth("query.keys", "Keys in any case, names in one", "11.91, 6.1")
@@ -125,9 +134,12 @@ async def keys(case: Case) -> None:
     client = await _client(case)
     mine = (await _own(case, client, robot))[1]
     names = [_name(line) for line in await _ask(case, client, f"{{NAME {mine}}}")]
-    case.expect(names == [mine], f"the key NAME lists {names}")
+    case.expect(names == [mine], f"the key NAME lists {names}, not {mine} alone")
     lines = await _ask(case, client, f"{{name {mine.swapcase()}}}")
-    case.expect(not lines, f"the name {mine.swapcase()} lists {lines}")
+    case.expect(
+        not lines,
+        f"the name {mine.swapcase()}, which is in another case, lists {lines}, not nothing",
+    )
 
 
 @truth("query.line-ends", "LF alone ends a query", "6.1", Severity.SHOULD)
@@ -151,7 +163,7 @@ async def split(case: Case) -> None:
         await client.wire.send(part)
         await asyncio.sleep(0.15)
     lines = await _rest(case, client)
-    case.expect(not lines, f"a query in pieces lists {lines[:2]}")
+    case.expect(not lines, f"the unknown class of a query in pieces lists {lines[:2]}, not nothing")
     await client.silent(_QUIET, "one listing for one query")
 
 
@@ -188,9 +200,13 @@ async def form(case: Case) -> None:
     by position."""
     await case.spawn()
     lines = await _ask(case, await _client(case))
-    case.expect(lines, "nothing is listed, though there is a robot")
+    case.expect(lines, f"{len(lines)} lines are listed with a robot in the world, not at least 1")
     odd = [line for line in lines if not _FORM.fullmatch(line)]
-    case.expect(not odd, f"in another form: {odd[:3]}")
+    case.expect(
+        not odd,
+        "lines have another form, not {Name n} {Class c} {Time t} {Location v} "
+        f"{{Rotation v}}: {odd[:3]}",
+    )
 
 
 @truth("listing.digits", "Two and four decimals", "11.93, 6.1", Severity.SHOULD)
@@ -202,11 +218,15 @@ async def digits(case: Case) -> None:
             key: value for group in split_reply(f"X {line}")[1] for key, value in group.items()
         }
         time = groups.get("Time", "")
-        case.expect(re.fullmatch(r"\d+\.\d{4}", time), f"the time is {time!r}")
+        case.expect(
+            re.fullmatch(r"\d+\.\d{4}", time), f"Time is {time!r}, not a number with four digits"
+        )
         for key in ("Location", "Rotation"):
             parts = groups.get(key, "").split(",")
             good = len(parts) == 3 and all(re.fullmatch(_TWO, part) for part in parts)
-            case.expect(good, f"{key} is {groups.get(key)!r}")
+            case.expect(
+                good, f"{key} is {groups.get(key)!r}, not three numbers with two digits each"
+            )
 
 
 @truth("listing.names", "Names are unique and stable", "11.94, 6.1")
@@ -218,10 +238,11 @@ async def names(case: Case) -> None:
     mine = (await _own(case, client, robot))[1]
     lines = await _ask(case, client)
     found = [_name(line) for line in lines]
-    case.expect(len(set(found)) == len(found), f"names appear twice: {sorted(found)}")
-    case.expect(mine in found, f"{mine} has another name in the next listing: {found}")
+    case.expect(len(set(found)) == len(found), f"names are {sorted(found)}, not each another")
+    case.expect(mine in found, f"{mine} is missing in the next listing: {found}")
     case.expect(
-        re.fullmatch(rf"{robot.class_name}_\d+", mine), f"{mine} is no {robot.class_name}_index"
+        re.fullmatch(rf"{robot.class_name}_\d+", mine),
+        f"Name is {mine}, not {robot.class_name}_ and a number",
     )
 
 
@@ -232,7 +253,7 @@ async def bare_class(case: Case) -> None:
     await _own(case, await _client(case), robot)
     lines = await _ask(case, await _client(case))
     odd = [line for line in lines if (match := _FORM.match(line)) and "." in match[2]]
-    case.expect(not odd, f"with a package: {odd[:2]}")
+    case.expect(not odd, f"Class has a package, not the bare name: {odd[:2]}")
 
 
 @truth("listing.time", "Time goes on", "6.1")
@@ -246,9 +267,14 @@ async def time_goes_on(case: Case) -> None:
     second = float((await _own(case, client, robot))[3])
     await robot.catch_up()
     after = (await robot.wait(lambda line: line.head == "STA", what="STA")).time
-    case.expect(second > first, f"the time was {first} and is {second}")
+    case.expect(
+        second > first,
+        f"Time is {second} in the second listing, not above {first}, that of the first",
+    )
     between = before - 1.0 < second < after + 1.0
-    case.expect(between, f"{second}, between {before} and {after} on the control port")
+    case.expect(
+        between, f"Time is {second}, not between {before} and {after}, Time on the control port"
+    )
 
 
 @truth("listing.one-read", "A listing comes in one piece", "11.95, 7", Severity.SHOULD)
@@ -259,7 +285,10 @@ async def one_read(case: Case) -> None:
     for _ in range(5):
         await client.send("")
         data = await client.wire.read(side_lines.WITHIN)
-        case.expect(data.endswith(b"{End}\r\n"), f"the first piece ends with {data[-40:]!r}")
+        case.expect(
+            data.endswith(b"{End}\r\n"),
+            f"the first piece of a listing ends with {data[-40:]!r}, not with {{End}} and CR LF",
+        )
 
 
 @truth("listing.leaves", "Robots vanish with their connection", "6.1")
@@ -274,7 +303,7 @@ async def leaves(case: Case) -> None:
         return not await _ask(case, client, f"{{name {mine}}}")
 
     case.expect(
-        await case.soon(gone, 3.0), f"{mine} is still listed 3 s after its connection ended"
+        await case.soon(gone, 3.0), f"{mine} is listed 3 s after its connection ended, not gone"
     )
 
 
@@ -290,7 +319,7 @@ async def getpos(case: Case) -> None:
     told = [numbers(group.get("Location")) for group in groups if group.get("Name") == robot.name]
     case.need(told, f"GETPOS does not list {robot.name}")
     off = math.dist(told[0], place)
-    case.expect(off < 0.02, f"{place} here, {told[0]} in GETPOS")
+    case.expect(off < 0.02, f"Location is {place}, not {told[0]}, as by GETPOS")
 
 
 @truth("clients.ten-per-second", "Two tools at ten queries a second", "11.96, 7")

@@ -23,7 +23,7 @@ async def booleans(case: Case) -> None:
     ):  # fmt: skip
         await robot.send(f"DRIVE {{Light {word}}}")
         line = await robot.client.maybe(_light(expected), 2.0)
-        case.expect(line is not None, f"Light {word} was not read as {expected}")
+        case.expect(line is not None, f"LightToggle is not {expected} after Light {word}")
 
 
 async def lit(case: Case) -> Robot:
@@ -75,7 +75,7 @@ async def number_spellings(case: Case) -> None:
         speed, wanted = await _speed(robot, spelling, spelling), sign * value * radius
         case.expect(
             abs(speed - wanted) < 0.35 * abs(wanted),
-            f"{spelling!r} gave {speed:.3f} m/s where {wanted:.3f} m/s were meant",
+            f"{spelling!r} gives {speed:.3f} m/s, not {wanted:.3f} m/s",
         )
 
 
@@ -86,7 +86,9 @@ async def short_numbers(case: Case) -> None:
     radius, _, _ = await wheels_of(robot)
     speed = await _speed(robot, ".9", ".9")
     wanted = 0.9 * radius
-    case.expect(abs(speed - wanted) < 0.35 * wanted, f"{speed:.3f} m/s instead of {wanted:.3f}")
+    case.expect(
+        abs(speed - wanted) < 0.35 * wanted, f".9 gives {speed:.3f} m/s, not {wanted:.3f} m/s"
+    )
 
 
 @unreal("grammar.number-junk", "Junk behind a number", "6, no. 44")
@@ -98,10 +100,11 @@ async def number_junk(case: Case) -> None:
     speed = await _speed(robot, f"{value}abc", f"{value}abc")
     wanted = value * radius
     case.expect(
-        abs(speed - wanted) < 0.35 * wanted, f"{value}abc: {speed:.3f} m/s, not {wanted:.3f}"
+        abs(speed - wanted) < 0.35 * wanted,
+        f"{value}abc gives {speed:.3f} m/s, not {wanted:.3f} m/s",
     )
     speed = await _speed(robot, "abc", "abc")
-    case.expect(abs(speed) < 0.02, f"abc moved the robot at {speed:.3f} m/s")
+    case.expect(abs(speed) < 0.02, f"abc gives {speed:.3f} m/s, not 0 m/s")
 
 
 @once("grammar.not-finite", "NaN and infinity do no harm", "6, no. 45")
@@ -113,9 +116,12 @@ async def not_finite(case: Case) -> None:
     for line in await robot.run(1.0):
         values = [value for _, value in line.segments]
         bad = [v for v in values if "nan" in v.lower().split() or "inf" in v.lower().split()]
-        case.expect(not bad, f"not a number: {line}")
+        case.expect(not bad, f"a value is {', '.join(bad)}, not a number: {line}")
     pose = await robot.pose()
-    case.expect(all(map(math.isfinite, pose.location + pose.orientation)), f"the pose is {pose}")
+    case.expect(
+        all(map(math.isfinite, pose.location + pose.orientation)),
+        f"the pose is {pose}, not of numbers",
+    )
 
 
 async def _lands(
@@ -130,7 +136,11 @@ async def _lands(
     robot = await case.spawn(place=place, init=init)
     pose = await robot.pose()
     away = math.dist(pose.location[:2], place.location[:2])
-    case.expect(away < 0.1, f"{{Location {spell}}} led to {pose.location}, {away:.2f} m away")
+    case.expect(
+        away < 0.1,
+        f"{{Location {spell}}} leads to {pose.location}, {away:.2f} m away, not to "
+        f"{place.location}",
+    )
 
 
 async def _place(case: Case) -> Place:
@@ -211,4 +221,4 @@ async def nul(case: Case) -> None:
     """NUL and other control bytes within a line do no harm to the connection."""
     client = await case.connect()
     await client.send_bytes(b"\x00\x01\x02DRIVE\x00 {Left\x00 1}\x1b{Right 1}\r\n")
-    case.expect(await client.is_alive(), "the connection no longer answers")
+    await case.expect_alive(client, "control bytes within a line")

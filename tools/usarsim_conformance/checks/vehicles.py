@@ -130,7 +130,9 @@ async def radius(case: Case) -> None:
         base = trip.geo.number("WheelBase")
         for leg, axle, _ in _steered(trip):
             speed, turning = trip[leg].speed, trip[leg].turning
-            case.need(abs(speed) > 0.01, f"{trip.class_name} hardly moves")
+            case.need(
+                abs(speed) > 0.01, f"{trip.class_name} drives at {speed:.3f} m/s, not above 0.01"
+            )
             wanted = math.tan(abs(_number(trip, leg, f"{axle}Steer"))) / base
             found = abs(turning / speed)
             case.expect(
@@ -212,8 +214,8 @@ async def limits(case: Case) -> None:
             found = most - least if trip.class_name in _WIDTHS else max(most, -least)
             case.expect(
                 near(found, told, 0.05, 0.01) and least <= 0.0 <= most,
-                f"{trip.class_name} steers from {least:.3f} to {most:.3f} rad, but "
-                f"Max{axle}Steer of CONF is {told}: {axle}Steer",
+                f"{trip.class_name} steers from {least:.3f} to {most:.3f} rad, not as "
+                f"Max{axle}Steer of CONF, {told}, tells: {axle}Steer",
             )
 
 
@@ -312,15 +314,15 @@ async def vessel_percent(case: Case) -> None:
         way = min(leg.gone for leg in legs)
         case.expect(
             way > 0.2,
-            f"{trip.class_name} goes {way:.2f} m at most with {legs[0].command} and with "
+            f"{trip.class_name} goes {way:.2f} m, not above 0.2 m, with {legs[0].command} or with "
             f"{legs[1].command}: MaxPropeller of CONF, or Propeller in percent",
         )
         found, plain = (leg.took(0.1 * way, 0.9 * way) for leg in legs)
         case.expect(
             near(found, plain, 0.1),
             f"{trip.class_name} with {legs[0].command} takes {found:.2f} s for {0.8 * way:.2f} m "
-            f"from rest, with {legs[1].command} {plain:.2f}: MaxPropeller of CONF, or Propeller in "
-            "percent",
+            f"from rest, not {plain:.2f} s, as with {legs[1].command}: MaxPropeller of CONF, or "
+            "Propeller in percent",
         )
 
 
@@ -402,6 +404,6 @@ async def depth(case: Case) -> None:
         leg = trip["rest"]
         case.expect(
             abs(leg.velocity[2]) < 0.05 and abs(leg.turning) < 0.05,
-            f"{trip.class_name} with {leg.command} sinks by {leg.velocity[2]:.3f} m/s and turns by "
-            f"{leg.turning:.3f} rad/s, neither of which should be beyond 0.05",
+            f"{trip.class_name} with {leg.command} sinks by {leg.velocity[2]:.3f} m/s and turns "
+            f"by {leg.turning:.3f} rad/s, not by less than 0.05 each",
         )

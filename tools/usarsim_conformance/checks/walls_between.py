@@ -86,12 +86,12 @@ async def out_of_range(case: Case) -> None:
     weak = f"at {beyond.law:.1f} dBm by the default parameters, below -93 ({beyond})"
     case.expect(
         not beyond.carries,
-        f"the Port of DNS accepts a connection and keeps it {weak}: it has to be closed (side "
+        f"the Port of DNS accepts a connection and keeps it {weak}: it is not closed (side "
         "channels reference 4.3)",
     )
     case.expect(
         not beyond.lives,
-        f"a connection through a road lives on {weak} (side channels reference 4.3)",
+        f"a connection through a road is not closed {weak} (side channels reference 4.3)",
     )
     case.expect(
         back.carries, f"the Port of DNS takes no connection at {back.law:.1f} dBm again ({back})"

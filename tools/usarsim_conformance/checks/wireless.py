@@ -130,7 +130,11 @@ async def pipelined(case: Case) -> None:
         client = radio.client
         await client.wire.send(b"GETSS {Robot A?}\r\nDNS {Robot B?}\r\nREVERSEDNS {Port 5}\r\n")
         heads = [(await client.line()).partition(" ")[0] for _ in range(3)]
-        case.expect(heads == ["SS", "DNSREPLY", "REVERSEDNSREPLY"], f"answers in order {heads}")
+        case.expect(
+            heads == ["SS", "DNSREPLY", "REVERSEDNSREPLY"],
+            f"three requests in one packet are answered by {heads}, not by SS, DNSREPLY, "
+            "REVERSEDNSREPLY",
+        )
         await client.silent(_QUIET, "three lines for three requests")
 
 
@@ -141,7 +145,11 @@ async def split(case: Case) -> None:
     for part in (b"GETSS {Rob", b"ot A}\r", b"\n"):
         await client.wire.send(part)
         await asyncio.sleep(0.15)
-    case.expect(await client.line() == _INIT_FIRST, "another answer to a request in pieces")
+    answer = await client.line()
+    case.expect(
+        answer == _INIT_FIRST,
+        f"a request in pieces is answered by {answer!r}, not by {_INIT_FIRST!r}",
+    )
     await client.silent(_QUIET, "one line for one request")
 
 
@@ -189,7 +197,7 @@ async def _strength(case: Case, one: Radio, other: Radio) -> str:
     found = re.fullmatch(
         rf"SS \{{Robot {re.escape(other.name)}\}} \{{Strength ([^{{}} ]+)\}}", line
     )
-    case.expect(found, f"no plain strength: {line!r}")
+    case.expect(found, f"Strength is not a plain number: {line!r}")
     assert found is not None
     return found[1]
 
@@ -199,7 +207,7 @@ async def known(case: Case) -> None:
     """Between robots of the simulator the strength is a number of dBm, not above zero."""
     async with await Radio.make(case) as one, await Radio.make(case) as other:
         value = number(await _strength(case, one, other))
-        case.expect(-400.0 < value <= 0.0, f"the strength is {value}")
+        case.expect(-400.0 < value <= 0.0, f"Strength is {value}, not above -400 and at most 0 dBm")
 
 
 @wireless("getss.digits", "Six significant digits", "4.2", Severity.SHOULD)
@@ -208,7 +216,10 @@ async def digits(case: Case) -> None:
     async with await Radio.make(case) as one, await Radio.make(case) as other:
         text = await _strength(case, one, other)
         count = len(re.sub(r"\D", "", text).lstrip("0"))
-        case.expect(count <= 6 and "e" not in text.lower(), f"{text!r} has {count} digits")
+        case.expect(
+            count <= 6 and "e" not in text.lower(),
+            f"Strength is {text!r}, not of at most six digits and without exponent",
+        )
 
 
 @wireless("getss.symmetric", "Both hear each other alike", "4.5", Severity.INFORMATIVE)
@@ -217,7 +228,7 @@ async def symmetric(case: Case) -> None:
     async with await Radio.make(case) as one, await Radio.make(case) as other:
         there = number(await _strength(case, one, other))
         back = number(await _strength(case, other, one))
-        case.expect(abs(there - back) < 0.5, f"{there} there, {back} back")
+        case.expect(abs(there - back) < 0.5, f"Strength is {back} back, not {there}, as there")
 
 
 @wireless("getss.self", "The strength of oneself", "11.71, 4.2")
@@ -249,11 +260,12 @@ async def ghost(case: Case) -> None:
     within some seconds. Not asked of a model that does not look at the simulator."""
     async with await Radio.make(case) as radio:
         client = await _client(case)
-        await client.expect(
-            f"INIT {{Robot Ghost{case.new_name()}}} {{Port 5}}", "INITREPLY {Status OK}"
-        )
+        name = f"Ghost{case.new_name()}"
+        await client.expect(f"INIT {{Robot {name}}} {{Port 5}}", "INITREPLY {Status OK}")
         gone = await side_lines.dropped(client.wire, radio.client)
-        case.expect(gone, "a ghost stays registered")
+        case.expect(
+            gone, f"the connection that registered {name}, a name that no robot has, is not closed"
+        )
         await radio.client.ask("GETSS {Robot Nobody?}")
 
 
@@ -264,27 +276,35 @@ async def leaver(case: Case) -> None:
     async with await Radio.make(case) as one, await Radio.make(case) as other:
         other.robot.close()
         gone = await side_lines.dropped(other.client.wire, one.client)
-        case.expect(gone, "it stays registered")
+        case.expect(gone, f"the connection of {other.name}, a robot that left, is not closed")
         await one.client.ask("GETSS {Robot Nobody?}")
 
 
 _EVERY_BYTE = bytes(range(256)) * 16
 
 
-def _other_bytes(found: bytes, sent: bytes) -> str:
-    """How what arrived differs from what was sent."""
+def _judge_bytes(case: Case, found: bytes, sent: bytes, way: str = "") -> None:
+    """Fail unless what arrived is what was sent.
+
+    Args:
+        case: the check.
+        found: what arrived.
+        sent: what was sent.
+        way: where, with a blank behind.
+    """
     pairs = enumerate(zip(found, sent, strict=False))
     first = next((at for at, (one, other) in pairs if one != other), min(len(found), len(sent)))
-    return (
-        f"{len(found)} of {len(sent)} bytes arrived; from byte {first + 1} on they are "
+    case.expect(
+        found == sent,
+        f"{way}{len(found)} of {len(sent)} bytes arrived; from byte {first + 1} on they are "
         f"{found[first : first + 8].hex(' ') or 'nothing'}, not "
-        f"{sent[first : first + 8].hex(' ') or 'nothing'}"
+        f"{sent[first : first + 8].hex(' ') or 'nothing'}",
     )
 
 
 async def _received(case: Case, wire: Wire, data: bytes, way: str) -> None:
     found = await wire.read_exactly(len(data), side_lines.CARRIES)
-    case.expect(found == data, f"{way} {_other_bytes(found, data)}")
+    _judge_bytes(case, found, data, f"{way} ")
 
 
 @wireless("dns.form", "DNS tells a port", "4.2")
@@ -293,7 +313,10 @@ async def form(case: Case) -> None:
     async with await Radio.make(case) as one, await Radio.make(case) as other:
         line = await one.client.ask(f"DNS {{Robot {other.name}}}")
         pattern = rf"DNSREPLY \{{Robot {other.name}\}} \{{Port \d+\}}"
-        case.expect(re.fullmatch(pattern, line), f"another reply: {line!r}")
+        case.expect(
+            re.fullmatch(pattern, line),
+            f"DNS is answered by {line!r}, not by DNSREPLY {{Robot {other.name}}} {{Port p}}",
+        )
 
 
 @wireless("dns.stable", "A pair keeps its port", "11.72, 4.3")
@@ -301,9 +324,11 @@ async def stable(case: Case) -> None:
     """Repeated queries of a pair tell the same port; the other direction has another."""
     async with await Radio.make(case) as one, await Radio.make(case) as other:
         ports = [await one.road(other) for _ in range(3)]
-        case.expect(len(set(ports)) == 1, f"three queries tell {ports}")
+        case.expect(
+            len(set(ports)) == 1, f"three queries of a pair tell the ports {ports}, not one"
+        )
         back = await other.road(one)
-        case.expect(back != ports[0], f"both directions have port {back}")
+        case.expect(back != ports[0], f"Port is {back} back, not another than {ports[0]}, as there")
 
 
 @wireless("dns.first-port", "Without a port the first one is meant", "4.3")
@@ -312,7 +337,10 @@ async def first_port(case: Case) -> None:
     async with await Radio.make(case) as one, await Radio.make(case) as other:
         plain = await one.road(other)
         named = await one.road(other, f" {{Port {other.port}}}")
-        case.expect(plain == named, f"port {plain} without, {named} with the port named")
+        case.expect(
+            plain == named,
+            f"Port is {plain} for DNS without a port, not {named}, as with the first one named",
+        )
 
 
 @wireless("dns.nobody", "DNS of nobody", "4.2")
@@ -372,7 +400,7 @@ async def there(case: Case) -> None:
         wire, guest = await one.call(other)
         await wire.send(_EVERY_BYTE)
         data = await guest.read(len(_EVERY_BYTE))
-        case.expect(data == _EVERY_BYTE, _other_bytes(data, _EVERY_BYTE))
+        _judge_bytes(case, data, _EVERY_BYTE)
 
 
 @wireless("relay.back", "Bytes come back", "11.73, 4.3")
@@ -392,7 +420,7 @@ async def much(case: Case) -> None:
         wire, guest = await one.call(other)
         await wire.send(data)
         found = await guest.read(len(data))
-        case.expect(found == data, _other_bytes(found, data))
+        _judge_bytes(case, found, data)
 
 
 @wireless("relay.hangup", "The end of one side ends the other", "4.3")
@@ -403,12 +431,18 @@ async def hangup(case: Case) -> None:
         wire, guest = await one.call(other)
         await wire.send(b"last words")
         wire.close()
-        case.expect(await guest.read(10) == b"last words", "the last words were lost")
-        case.expect(await guest.hung_up(), "the other end stays open after a hangup")
+        _judge_bytes(case, await guest.read(10), b"last words")
+        case.expect(
+            await guest.hung_up(),
+            f"the connection of {other.name} is not closed within {side_lines.LEAVES:g} s after "
+            "the caller hung up",
+        )
         wire, guest = await one.call(other)
         guest.wire.close()
         case.expect(
-            await wire.hung_up(side_lines.LEAVES), "the caller's end stays open after a hangup"
+            await wire.hung_up(side_lines.LEAVES),
+            f"the connection of {one.name}, which called, is not closed within "
+            f"{side_lines.LEAVES:g} s after the other hung up",
         )
 
 
@@ -420,7 +454,7 @@ async def half_close(case: Case) -> None:
         await wire.send(_EVERY_BYTE * 8)
         wire.half_close()
         found = await guest.read(len(_EVERY_BYTE) * 8 + 1)
-        case.expect(found == _EVERY_BYTE * 8, _other_bytes(found, _EVERY_BYTE * 8))
+        _judge_bytes(case, found, _EVERY_BYTE * 8)
 
 
 @wireless("relay.several", "Several connections of a pair", "4.3", Severity.SHOULD)
@@ -433,7 +467,7 @@ async def several(case: Case) -> None:
         for number, (_, guest) in enumerate(pairs):
             data = await guest.read(1000)
             sent = bytes([number]) * 1000
-            case.expect(data == sent, f"connection {number + 1}: {_other_bytes(data, sent)}")
+            _judge_bytes(case, data, sent, f"connection {number + 1}: ")
 
 
 @wireless("relay.refused", "The other does not listen", "4.3")
@@ -443,7 +477,11 @@ async def refused(case: Case) -> None:
         port = await one.road(other)
         other.deaf()
         wire = await one.dial(port)
-        case.expect(await wire.hung_up(side_lines.LEAVES), "the caller is left hanging")
+        case.expect(
+            await wire.hung_up(side_lines.LEAVES),
+            f"the connection of {one.name}, which called, is not closed within "
+            f"{side_lines.LEAVES:g} s, though the other refuses it",
+        )
 
 
 @wireless("relay.leaver", "A road closes with its robot", "4.4")
@@ -454,6 +492,10 @@ async def relay_leaver(case: Case) -> None:
         other.robot.close()
         case.expect(
             await side_lines.dropped(wire, one.client),
-            "the caller's end stays open when the other has left",
+            f"the connection of {one.name}, which called, is not closed after the other robot left",
         )
-        case.expect(await guest.hung_up(), "the end of the robot that left stays open")
+        case.expect(
+            await guest.hung_up(),
+            f"the connection of {other.name}, a robot that left, is not closed within "
+            f"{side_lines.LEAVES:g} s",
+        )
