@@ -22,7 +22,7 @@ from usarsim_server.scene.supervision_channels import Supervisor
 from usarsim_server.scene.truth_channel import TruthChannel
 from usarsim_server.scene.truth_feed import TruthFeed
 from usarsim_server.scene.truth_rows import Being, TruthRows
-from usarsim_server.services.budget import Owners, Pace, WorkBudget, whole_share
+from usarsim_server.services.budget import Pace, WorkBudget, whole_share
 from usarsim_server.services.comserver import ComServerLimits, ComServerService
 from usarsim_server.services.control import ControlLimits, ControlService
 from usarsim_server.services.dialogue import (
@@ -36,6 +36,7 @@ from usarsim_server.services.dialogue import (
     truth_service,
 )
 from usarsim_server.services.images import ImageService
+from usarsim_server.services.owners import Owners
 from usarsim_server.services.port import Service
 from usarsim_server.services.relay import LinkOptions
 from usarsim_server.services.scene_port import ScenePort

@@ -42,6 +42,20 @@ class Aim:
     distance: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TeamWays:
+    """How far each robot of a team has it to each aim, as one of them can tell by its own map.
+
+    Attributes:
+        row: of the robot itself.
+        lengths: (robots, aims), cells; robots in the order of their numbers; infinite where
+            no way is known.
+    """
+
+    row: int
+    lengths: NDArray[np.float64]
+
+
 @dataclass
 class Bidding:
     """Chooses a frontier for a robot, as its teammates would choose for it.
@@ -223,6 +237,31 @@ class Bidding:
                 self.unreachable.update(cells)
             if cells := letter.get("fruitless"):
                 self.fruitless.update(cells)
+
+
+def team_ways(view: View, aims: Sequence[Aim], memory: int) -> TeamWays:
+    """Lengths of the ways of a robot, and of the teammates that it remembers, to some frontiers.
+
+    One flood from each option or from each teammate, whichever are fewer.
+    """
+    mates = {mate.number: mate.cell for mate in view.explorers(memory)}
+    numbers = sorted({view.number, *mates})
+    goals = [one.cell for one in aims]
+    lengths = np.empty((len(numbers), len(goals)))
+    cells = [mates[number] for number in numbers if number != view.number]
+    if len(goals) < len(cells):
+        others = np.stack([_lengths(view, goal, cells) for goal in goals], axis=1)
+    else:
+        others = np.array([_lengths(view, cell, goals) for cell in cells])
+    own = numbers.index(view.number)
+    if cells:
+        lengths[np.arange(len(numbers)) != own] = others
+    lengths[own] = [one.distance for one in aims]
+    return TeamWays(own, lengths)
+
+
+def _lengths(view: View, start: Cell, goals: Sequence[Cell]) -> NDArray[np.float64]:
+    return view.planner.distances(start, np.array(goals))
 
 
 def _best(view: View, aims: list[Aim]) -> list[Aim]:

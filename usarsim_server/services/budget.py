@@ -5,22 +5,17 @@ and the reports, beside the event loop as much as on it. A port therefore has a 
 processor. While it has not used it up, everybody is served at once. Beyond that clients take turns:
 the one who has used least goes first (start-time fair queueing; Goyal, Vin and Cheng, SIGCOMM
 1996), so that somebody who asks ten times a second waits for one turn of the others, not for all.
-
-Whose a robot is: the machine from which its control connection comes.
 """
 
 from __future__ import annotations
 
 import asyncio
 import heapq
-import ipaddress
 import itertools
-import socket
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import lru_cache
 
 from usarsim_server.base.token_bucket import Clock, TokenBucket
 
@@ -197,33 +192,3 @@ class WorkBudget:
     def _again(self) -> None:
         self._timer = None
         self._serve()
-
-
-Owners = Callable[[], Mapping[str, str]]
-"""The addresses of the control connections of all robots in the world, by `names.name_key`."""
-
-
-NOBODY: Owners = dict
-"""Those of a world without robots."""
-
-
-def same_machine(one: str, other: str) -> bool:
-    """Whether two addresses of clients are those of one machine.
-
-    A program on the server's own machine comes from whichever address it dialled: 127.0.0.1, or
-    one of the network.
-    """
-    return one == other or (_is_here(one) and _is_here(other))
-
-
-@lru_cache(maxsize=256)
-def _is_here(address: str) -> bool:
-    """Whether an address is one of this machine: a socket can be bound to no other."""
-    try:
-        version = ipaddress.ip_address(address.partition("%")[0]).version
-        family = socket.AF_INET if version == 4 else socket.AF_INET6
-        with socket.socket(family, socket.SOCK_DGRAM) as probe:
-            probe.bind((address, 0))
-    except (OSError, ValueError):
-        return False
-    return True

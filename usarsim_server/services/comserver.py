@@ -27,22 +27,11 @@ from usarsim_server.protocol.opening import Opening
 from usarsim_server.protocol.values import name_key
 from usarsim_server.radio.event_log import Event
 from usarsim_server.radio.network import Network
-from usarsim_server.services.budget import (
-    BYTE_COST,
-    HOP_COST,
-    NOBODY,
-    Account,
-    Owners,
-    WorkBudget,
-    whole_share,
-)
+from usarsim_server.services.budget import BYTE_COST, HOP_COST, Account, WorkBudget, whole_share
 from usarsim_server.services.dialogue import CHUNK, CHUNK_BYTES
-from usarsim_server.services.limits import (
-    READ_COST,
-    descriptor_limit,
-    raise_descriptor_limit,
-)
+from usarsim_server.services.limits import READ_COST
 from usarsim_server.services.listener import Endpoint
+from usarsim_server.services.owners import NOBODY, Owners
 from usarsim_server.services.port import Guest, PortLimits, PortService, refuse
 from usarsim_server.services.relay import (
     KERNEL_BUFFER,
@@ -50,7 +39,9 @@ from usarsim_server.services.relay import (
     Traffic,
     both_ways,
     cancel_all,
+    descriptor_limit,
     dial,
+    raise_descriptor_limit,
 )
 from usarsim_server.services.replies import PIECE, ReplyBuffer
 from usarsim_server.services.silence import ends_when_gone

@@ -8,7 +8,9 @@ whose receiver does not read. Whether the radio reaches is looked at again and a
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
+import resource
 import socket
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Coroutine
@@ -35,6 +37,8 @@ SHARE = 0.15
 """Part of a processor that all links of a service may use: some 40 MB/s."""
 DIAL_TIMEOUT = 5.0
 """s of wall time for a robot to accept a connection."""
+WANTED_FILES = 8192
+"""Open files that a large team may need: two for each link, one for each pair that asked."""
 
 _log = Log("relay")
 
@@ -381,3 +385,18 @@ class RadioWatch:
             except Exception as error:  # a defect must not leave ports and links open for ever
                 self._log.exception("the watch failed, goes on", error)
             await asyncio.sleep(self._poll)
+
+
+def raise_descriptor_limit(wanted: int = WANTED_FILES) -> None:
+    """Let the process open as many files as it may, up to a number; never lowers the limit."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        with contextlib.suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+
+
+def descriptor_limit() -> int:
+    """Files that the process may have open."""
+    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return WANTED_FILES if soft == resource.RLIM_INFINITY else soft

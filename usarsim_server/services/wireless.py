@@ -24,13 +24,7 @@ from usarsim_server.protocol.values import name_key
 from usarsim_server.protocol.wireless import Reason, Request
 from usarsim_server.radio.event_log import Event
 from usarsim_server.radio.network import Departure, Network
-from usarsim_server.services.budget import (
-    HOP_COST,
-    NOBODY,
-    Account,
-    Owners,
-    same_machine,
-)
+from usarsim_server.services.budget import HOP_COST, Account
 from usarsim_server.services.dialogue import (
     CHUNK,
     CHUNK_BYTES,
@@ -38,14 +32,18 @@ from usarsim_server.services.dialogue import (
     DialogueLimits,
     dialogue_bytes,
 )
-from usarsim_server.services.limits import (
+from usarsim_server.services.limits import input_cost
+from usarsim_server.services.listener import Endpoint
+from usarsim_server.services.owners import NOBODY, Owners, same_machine
+from usarsim_server.services.port import Guest, PortService, refuse
+from usarsim_server.services.relay import (
+    LinkOptions,
+    RadioWatch,
+    Traffic,
+    cancel_all,
     descriptor_limit,
-    input_cost,
     raise_descriptor_limit,
 )
-from usarsim_server.services.listener import Endpoint
-from usarsim_server.services.port import Guest, PortService, refuse
-from usarsim_server.services.relay import LinkOptions, RadioWatch, Traffic, cancel_all
 from usarsim_server.services.relay_port import RelayPort
 from usarsim_server.services.replies import PIECE, ReplyBuffer
 

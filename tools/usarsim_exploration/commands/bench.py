@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from statistics import fmean, stdev
 
 from usarsim_batch.carry_out import add_options
-from usarsim_server.cli.common import Subparsers, add_command
+from usarsim_batch.tasks import Row
+from usarsim_server.cli.common import Subparsers, add_command, table
 
 _EPILOG = (
     "BATCH is a TOML file with lists of environments, teams, strategies, radios and seeds, or one "
@@ -17,6 +19,8 @@ _EPILOG = (
     "are, timing.csv, and a file for each run. A run that fails is stored with what went wrong, "
     "the others go on, and the exit code is 1."
 )
+SHOWN = ("team_t90", "base_t90", "team_area", "base_share", "distance")
+"""Measures that are printed; the report tells all."""
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -46,7 +50,6 @@ def run(arguments: argparse.Namespace) -> int:
     from usarsim_exploration.batches.batch_file import Job, find_batch
     from usarsim_exploration.batches.batch_folder import FORMAT, TIMING, timing_csv
     from usarsim_exploration.batches.playing import play
-    from usarsim_exploration.batches.summary import alike, summary
 
     batch = find_batch(arguments.batch)
     if arguments.strategy:
@@ -77,11 +80,55 @@ def run(arguments: argparse.Namespace) -> int:
     folder.finish(outcome.of(job).row for job in inorder)
     bad = sum(bool(one.error) for one in outcome)
     told = sys.stderr if arguments.watch == "json" else sys.stdout
-    print(summary(one.row for one in outcome), file=told)
-    for line in alike(outcome.of(job).row for job in inorder):
+    print(_summary(one.row for one in outcome), file=told)
+    for line in _alike(outcome.of(job).row for job in inorder):
         print(line, file=told)
     print(
         f"{arguments.out / RESULT}: {len(jobs)} runs, {bad} failed, "
         f"{spent / 60:.1f} min of processor", file=told,
     )  # fmt: skip
     return outcome.code
+
+
+def _summary(rows: Iterable[Row]) -> str:
+    """One line for each strategy, `mean ± standard deviation (of so many runs)` by measure.
+
+    A time is that of the runs that came so far; a run that did not has none.
+    """
+    found: dict[str, list[list[float | None] | None]] = {}
+    for row in rows:
+        measures = None if "error" in row else [row["measures"][name] for name in SHOWN]
+        found.setdefault(row["strategy"], []).append(measures)
+    lines = []
+    for strategy, ran in found.items():
+        well = [one for one in ran if one is not None]
+        columns = zip(*well, strict=True) if well else [()] * len(SHOWN)
+        cells = (_cell([one for one in column if one is not None]) for column in columns)
+        lines.append((strategy, len(ran), len(ran) - len(well), *cells))
+    return table(("STRATEGY", "RUNS", "FAILED", *SHOWN), lines)
+
+
+def _alike(rows: Iterable[Row]) -> list[str]:
+    """What to say of groups of runs, equal but for the seed, that all came to the same logs.
+
+    Nothing in such runs was drawn by the seed, so they are one sample, not many.
+    """
+    found: dict[str, list[str]] = {}
+    for row in rows:
+        if "error" not in row:
+            parts = (row["environment"], row.get("team", row["robots"]), row["strategy"])
+            key = "/".join(map(str, (*parts, row["radio"])))
+            found.setdefault(key, []).append(row["digest"])
+    return [
+        f"{key}: {len(ones)} seeds gave the same run, so they are one sample "
+        '(let the seed draw starts, with [team] base = "drawn" and no start of a robot)'
+        for key, ones in found.items()
+        if len(ones) > 1 and len(set(ones)) == 1
+    ]
+
+
+def _cell(values: Sequence[float]) -> str:
+    if not values:
+        return "-"
+    spread = stdev(values) if len(values) > 1 else 0.0
+    return f"{fmean(values):.4g} ± {spread:.3g} ({len(values)})"

@@ -1,7 +1,8 @@
-"""Searches for one way: the same Python for both forms, compiled where numba is installed.
+"""Searches for ways: the same Python for both forms, compiled where numba is installed.
 
-Cells are flat indices into a padded grid; keys of the heap are costs and cells in one number, so
-that equal costs come in the order of cells, and both forms expand the same cells.
+Cells are flat indices; those of a way to one goal into a padded grid. Keys of the heap are costs
+and cells in one number, so that equal costs come in the order of cells, and both forms expand the
+same cells.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 _CELL_BITS = 24
 """Of a key: room for maps of 16 million cells."""
 _CELL_MASK = (1 << _CELL_BITS) - 1
+_LEVEL, _SLANTED = 70, 99
+"""What a move of `cheapest` costs, times the price of the cell that it leads to."""
 
 
 def _compiled(function: F) -> F:
@@ -207,3 +210,52 @@ def descend(
         column, row = c, r
         cost = int(costs[row, column])
     return found[:count]
+
+
+@_compiled
+def cheapest(
+    prices: NDArray[np.int64], column: int, row: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Costs of all cells from one, over eight neighbours that cut no corner (Dijkstra 1959).
+
+    Args:
+        prices: (rows, columns) of entering a cell, from 1 up; 0: it cannot be entered.
+
+    Returns:
+        Costs, `FAR` where no way leads; and for each cell the flat index of the one before, or -1.
+    """
+    rows, columns = prices.shape
+    flat = prices.copy().reshape(-1)
+    costs = np.full(rows * columns, FAR, np.int64)
+    came = np.full(rows * columns, -1, np.int64)
+    first = row * columns + column
+    costs[first] = 0
+    heap = [first]
+    while len(heap) > 0:
+        key = heapq.heappop(heap)
+        cell = key & _CELL_MASK
+        cost = key >> _CELL_BITS
+        if cost > costs[cell]:
+            continue
+        at_column, at_row = cell % columns, cell // columns
+        for move in range(8):
+            to_column, to_row = at_column + COLUMNS[move], at_row + ROWS[move]
+            if to_column < 0 or to_row < 0 or to_column >= columns or to_row >= rows:
+                continue
+            other = to_row * columns + to_column
+            if flat[other] == 0:
+                continue
+            length = _LEVEL
+            if move >= 4:
+                if (
+                    flat[at_row * columns + to_column] == 0
+                    or flat[to_row * columns + at_column] == 0
+                ):
+                    continue
+                length = _SLANTED
+            total = cost + length * flat[other]
+            if total < costs[other]:
+                costs[other] = total
+                came[other] = cell
+                heapq.heappush(heap, (total << _CELL_BITS) + other)
+    return costs.reshape(rows, columns), came.reshape(rows, columns)

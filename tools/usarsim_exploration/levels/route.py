@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell
+from usarsim_exploration.kernels.searching import cheapest
 from usarsim_exploration.kernels.steps import FAR
-from usarsim_exploration.kernels.ways import cheapest
 from usarsim_exploration.known_map import FELT, KNOWN, SAFE, WALL
 from usarsim_exploration.planning import Path
 

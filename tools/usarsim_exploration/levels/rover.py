@@ -15,11 +15,11 @@ from usarsim_exploration.environment import Cell
 from usarsim_exploration.known_map import FELT, SAFE, WALL
 from usarsim_exploration.levels.controller import Controller
 from usarsim_exploration.levels.driver import Driver
-from usarsim_exploration.levels.laser import points
 from usarsim_exploration.levels.serving import WorldServer
 from usarsim_exploration.levels.swerving import REACH, Swerve
 from usarsim_exploration.localisation import Disc, Evidence, Localiser, Pose, compose, relative
 from usarsim_exploration.localisation.poses import wrap
+from usarsim_exploration.localisation.surfaces import beam_ends
 
 if TYPE_CHECKING:
     from usarsim_exploration.cycle import Body
@@ -117,11 +117,16 @@ class Rover:
     others: list[Disc] = field(default_factory=list)
     reckoning: Reckoning = field(default_factory=Reckoning)
 
+    @property
+    def scanner(self) -> Pose:
+        """Where its scanner was at its newest scan."""
+        return compose(self.scanned, (self.controller.mount, 0.0, 0.0))
+
     def steer(self, cell: float) -> tuple[float, float]:
         """m/s and rad/s to the right until the next call. cell: width of one, m."""
         one = self.controller
         mount = compose(relative(self.pose, self.scanned), (one.mount, 0.0, 0.0))
-        seen = points(one.ranges, one.angles, mount)
+        seen = beam_ends(one.ranges, one.angles, mount)
         crowd = any(math.dist(disc[:2], self.pose[:2]) < _CROWD for disc in self.others)
         matched = self.localiser.mode == "scan-matching"
         vague = matched and self.localiser.beams < _FEW

@@ -21,7 +21,6 @@ from usarsim_exploration.known_map import FREE, KNOWN, SAFE, WALL
 from usarsim_exploration.levels.air import Air
 from usarsim_exploration.levels.controller import Controller, DeadError
 from usarsim_exploration.levels.driver import Driver
-from usarsim_exploration.levels.laser import points, scanner
 from usarsim_exploration.levels.physics import Physics
 from usarsim_exploration.levels.route import SNAP, gathering, rest_of, route, unknown_at
 from usarsim_exploration.levels.rover import Place, Rover, disc_cells, wire_name
@@ -38,6 +37,7 @@ from usarsim_exploration.localisation import (
     rasterise,
 )
 from usarsim_exploration.localisation.poses import wrap
+from usarsim_exploration.localisation.surfaces import beam_ends
 from usarsim_exploration.measures.contacts import Contacts
 from usarsim_exploration.measures.reality import Ways, of_map
 from usarsim_exploration.post import Message
@@ -247,7 +247,7 @@ class ServerLevel:
         one, body = rover.controller, disc_cells(_BODY / self._cell)
         seen = [np.array(self._at(disc)) + body for disc in rover.others[1:]]
         near = one.ranges < _SEES
-        ends = points(one.ranges[near] + 0.03, one.angles[near], scanner(rover.scanned, one.mount))
+        ends = beam_ends(one.ranges[near] + 0.03, one.angles[near], rover.scanner)
         seen.append(np.floor(ends / self._cell).astype(np.int64))
         here = self._at(rover.pose)
         snap = SNAP
@@ -343,7 +343,7 @@ class ServerLevel:
         body, one, cell = rover.body, rover.controller, self._cell
         wide = np.abs(one.angles) <= body.member.view / 2 + 1e-3
         scans = rasterise(
-            scanner(rover.scanned, one.mount), one.ranges[wide], one.angles[wide],
+            rover.scanner, one.ranges[wide], one.angles[wide],
             body.member.reach * cell, cell, self._shape, self._grown(rover),
         )  # fmt: skip
         known = body.view.known

@@ -1,9 +1,11 @@
-"""Points of a scan, and how the surfaces that they lie on are turned."""
+"""Where the beams of a scan end, and how the surfaces that they hit are turned."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+
+from usarsim_exploration.localisation.poses import Pose
 
 Floats = NDArray[np.float64]
 _BESIDE = 4, 2
@@ -15,6 +17,17 @@ _SURE = 0.1
 _APART = 0.05
 """Beams side by side that end farther apart than this and a tenth of the range see different
 surfaces, m: lines through both would be walls that nobody has built."""
+
+
+def beam_ends(ranges: Floats, angles: Floats, pose: Pose) -> Floats:
+    """(n, 2) places where rays end, m.
+
+    Args:
+        ranges: (n,) m. angles: (n,) rad, to the right positive. pose: of the scanner.
+    """
+    turned = pose[2] + angles
+    along = np.stack([np.cos(turned), np.sin(turned)], axis=1)
+    return np.asarray(np.array(pose[:2]) + ranges[:, None] * along)
 
 
 def surfaces(ranges: Floats, angles: Floats, reach: float) -> tuple[Floats, Floats]:

@@ -1,7 +1,6 @@
 """Ways through what a robot knows; one planner per robot, which knows only that robot's map."""
 
-from usarsim_exploration.planning.fields import UNIT, Field, Planner, length
-from usarsim_exploration.planning.floods import Floods
+from usarsim_exploration.planning.fields import UNIT, Field, Floods, Planner, length
 from usarsim_exploration.planning.search import Path, Search, a_star, jump_points
 from usarsim_exploration.planning.skeleton import degrees, key_cells, skeleton, thin
 from usarsim_exploration.planning.topology import TopologicalMap

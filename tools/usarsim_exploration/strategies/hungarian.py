@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_exploration.assignment import ways
-from usarsim_exploration.bidding import Aim
+from usarsim_exploration.bidding import Aim, team_ways
 from usarsim_exploration.errors import scipy
 from usarsim_exploration.exploring import Seeker
 from usarsim_exploration.strategy import View, register
@@ -50,5 +49,5 @@ class Hungarian(Seeker):
     def choose(self, view: View, aims: Sequence[Aim]) -> Aim | None:
         """Its own share; the nearest if no way leads there."""
         aims = sorted(aims, key=lambda one: one.cell)
-        known = ways(view, aims, self.memory)
+        known = team_ways(view, aims, self.memory)
         return aims[int(assign(known.lengths)[known.row])]

@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from usarsim_exploration.assignment import ways
-from usarsim_exploration.bidding import Aim
+from usarsim_exploration.bidding import Aim, team_ways
 from usarsim_exploration.exploring import Seeker
 from usarsim_exploration.strategy import View, register
 
@@ -24,7 +23,7 @@ class MinPos(Seeker):
 
     def choose(self, view: View, aims: Sequence[Aim]) -> Aim | None:
         """Rank of a frontier: how many teammates are nearer to it."""
-        known = ways(view, aims, self.memory)
+        known = team_ways(view, aims, self.memory)
         own = known.lengths[known.row]
         ranks = (known.lengths < own).sum(axis=0)
         return aims[min(range(len(own)), key=lambda index: (ranks[index], own[index]))]

@@ -1,6 +1,6 @@
 """Worlds to explore: those that come with the benchmark, maps of users, and world folders."""
 
-from usarsim_exploration.worlds.finding import find, names
+from usarsim_exploration.worlds.catalogue import find, names
 from usarsim_exploration.worlds.world import (
     DRAWS,
     STARTS,
