@@ -101,11 +101,23 @@ class TestContents:
             assert word in text, word
 
     def test_numbers_have_their_units(self, planted: Path) -> None:
-        """In the tables of the primary and of secondary outcomes, of tests and of order."""
+        """In the tables of the primary and of secondary outcomes, of tests, of order, of further
+        measures and of definitions."""
         text = (planted / "report.md").read_text()
         assert "| Victims found [victims] | n | Mean" in text
         assert "| Display to mark [s], Keyboard |" in text
-        assert text.count("| Distance [m] |") == 2
+        assert text.count("| Distance [m] |") == 3
+        assert text.count("| Mean dwell [s] |") == 2
+
+    def test_shares_have_no_unit(self, tmp_path: Path) -> None:
+        """Neither in tables nor at axes."""
+        share = STUDY.replace('"victims_found"', '"teleoperation_share"', 1)
+        page = report.Sections(analyse(collect(make_study(tmp_path, Plan(4), share))))
+        assert "| Teleoperation share | n | Mean" in page.markdown()
+        assert not re.search(r"\| 1 \||\[1\]", page.markdown().partition("## Order")[2])
+        texts = re.findall(r"<text[^>]*>([^<]*)</text>", page.html())
+        assert "Gamepad minus Keyboard" in texts
+        assert texts.count("Teleoperation share") >= 2
 
     def test_nothing_empty_is_drawn(self, planted: Path, tmp_path: Path) -> None:
         """Before anybody came to the end there are neither pictures nor tables of numbers; a

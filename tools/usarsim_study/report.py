@@ -21,6 +21,7 @@ from usarsim_report.wording import (
     p_value,
     span,
     unit_told,
+    with_unit,
 )
 from usarsim_server.base.csv_files import Cellular, csv_text
 from usarsim_server.base.files import write_text
@@ -323,8 +324,8 @@ def _known(outcome: Outcome) -> bool:
 
 
 def _named(measure: Measure) -> str:
-    """A measure with its unit, for tables of numbers."""
-    return measure.title if measure.unit == "1" else f"{measure.title} [{measure.unit}]"
+    """A measure with its unit."""
+    return with_unit(measure.title, measure.unit)
 
 
 def _title(analysis: Analysis, condition: str) -> str:
@@ -515,8 +516,8 @@ def _described(page: Page, analysis: Analysis) -> None:
             else f"{number(cell.summary.mean)} ({number(cell.summary.median)})"
             for cell in outcome.cells
         ]
-        rows.append([outcome.measure.title, outcome.measure.unit, *cells])
-    page.table(("Measure", "Unit", *(title for _, title in analysis.conditions)), rows, "numbers")
+        rows.append([_named(outcome.measure), *cells])
+    page.table(("Measure", *(title for _, title in analysis.conditions)), rows, "numbers")
 
 
 def _methods(page: Page, analysis: Analysis) -> None:
@@ -532,9 +533,9 @@ def _methods(page: Page, analysis: Analysis) -> None:
         f"List of assignments: SHA-256 {analysis.allocation}."
     )
     page.table(
-        ("Measure", "Unit", "Definition", "Source"),
+        ("Measure", "Definition", "Source"),
         [
-            [one.measure.title, one.measure.unit, one.measure.definition, one.measure.source]
+            [_named(one.measure), one.measure.definition, one.measure.source]
             for one in (*analysis.outcomes, *analysis.described)
         ],
         "words",
