@@ -130,7 +130,8 @@ class TestContents:
         assert 'class="numbers"' not in text
         trials = [replace(one, values={**one.values, "distance": None}) for one in found.trials]
         page = report.Sections(analyse(replace(found, trials=tuple(trials))))
-        assert "Without any value, and in no picture: Distance." in page.markdown()
+        assert "Without any value, and not below: Distance." in page.markdown()
+        assert "| Distance [m], Keyboard |" not in page.markdown()
         secondary = page.html().partition("Secondary outcomes</h2>")[2].partition("</figure>")[0]
         assert "Switches" in secondary
         assert "Distance</text>" not in secondary

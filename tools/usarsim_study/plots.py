@@ -5,7 +5,7 @@ Conditions differ by colour and by shape, so that print in grey stays readable.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -206,7 +206,7 @@ def _mean(axes: Axes, x: float, cell: Cell, labelled: bool) -> None:
 
 
 def _differences(axes: Axes, outcome: Outcome) -> None:
-    """Each participant's difference, sorted, with mean and interval below."""
+    """Each participant's difference, sorted, with mean and interval below, if there are."""
     first, second = outcome.cells
     pairs = [
         (before, after)
@@ -230,7 +230,7 @@ def _differences(axes: Axes, outcome: Outcome) -> None:
             axes.plot(ends, (below, below), color=INK, linewidth=1.8)
         axes.plot(result.mean, below, "D", color=INK, markersize=5.0)
         axes.annotate(
-            "mean and 95 % interval",
+            mean_told([result.interval]),
             (result.mean if result.interval is None else result.interval.high, below),
             (6.0, 0.0),
             textcoords="offset points",
@@ -258,7 +258,13 @@ def _intervals(axes: Axes, outcome: Outcome) -> None:
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0.0, labelcolor=INK)
     axes.spines["left"].set_visible(False)
-    axes.set_xlabel(with_unit("Difference, mean and 95 % interval", outcome.measure.unit))
+    told = mean_told(one.result.interval for one in outcome.comparisons)
+    axes.set_xlabel(with_unit(f"Difference, {told}", outcome.measure.unit))
+
+
+def mean_told(intervals: Iterable[Interval | None]) -> str:
+    """What marks and lines are: few values have no interval."""
+    return "mean and 95 % interval" if any(intervals) else "mean"
 
 
 def _scaled(outcome: Outcome) -> tuple[float, Interval | None] | None:
