@@ -96,7 +96,7 @@ async def drive(page: Any, frame: Any) -> None:
 
 async def fail(leader: Any, robot: str) -> None:
     """Let a robot fail."""
-    await leader.fill("[data-field=whom]", robot)
+    await leader.select_option("[data-field=whom]", robot)
     await leader.fill("[data-field=lasts]", "60")
     await leader.click("[data-do=inject]")
 

@@ -51,6 +51,7 @@ class FakeGateway:
         self.trails: list[list[float]] = [[] for _ in range(robots)]
         self.sequence = 0
         self.pages = 0
+        self.sensors = ["Scanner1", "Odometry", "Sonar"]
         self.asked: list[dict[str, Any]] = []  # questions for the next page that listens
 
     def _start(self, i: int) -> list[float]:
@@ -118,7 +119,7 @@ class FakeGateway:
             "link": {"state": "weak" if i == 2 else "good", "age": 0.1, "signal_dbm": -48.0 - 6 * (i % 6)},
             "holder": self.holders[name],
             "sensors": [{"name": s, "type": s, "age": 0.1, "stale": False, "rate_hz": 5.0}
-                        for s in ("Scanner1", "Odometry", "Sonar")],
+                        for s in self.sensors],
             "bumpers": bumpers, "path": len(self.trails[i]) // 2,
             "camera": {"on": self.cameras[name], "age": 0.1, "rate_hz": 5.0, "dropped": 0},
             "laser": {"on": self.lasers[name], "age": 0.1},

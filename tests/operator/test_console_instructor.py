@@ -65,7 +65,7 @@ async def test_an_instructor_and_what_a_trial_allows(stage: Stage, tmp_path: Pat
             await ada.wait_for_selector("[data-only=gamepad]")
             await ada.click("[data-robot=T1]")
             await ada.keyboard.down("w")
-            await notice(ada, "only the gamepad drives in this trial")
+            await notice(ada, "only the gamepad drives here")
             await ada.keyboard.up("w")
             assert await ada.evaluate("drives().length") == 0
             await ada.evaluate("plug('Pad'); hold(5); tilt(0, -1, 0, 0)")

@@ -21,12 +21,12 @@ async def test_only_the_device_of_the_condition_drives() -> None:
     for device in ({"device": "keyboard"}, {"device": "touch"}, {"device": "program"}, {}):
         answer = await ada.ask("drive", robot="R1", **_AHEAD, **device)
         assert not answer["ok"]
-        assert answer["why"] == "only the gamepad drives in this trial"
+        assert answer["why"] == "only the gamepad drives here"
     wishes = {"fly": ("altitude", "linear", "lateral", "rotational"), "steer": ("speed", "steer")}
     for kind, keys in wishes.items():
         wish = dict.fromkeys(keys, 0.2)
         answer = await ada.ask(kind, robot="R1", device="keyboard", **wish)
-        assert answer["why"] == "only the gamepad drives in this trial"
+        assert answer["why"] == "only the gamepad drives here"
     assert not any(b"0.5" in data for _, _, data in station.wire)
     assert (await ada.ask("drive", robot="R1", device="pad", **_AHEAD))["ok"]
     assert (await ada.ask("drive", robot="R1", device="keyboard", **_STILL))["ok"]

@@ -124,6 +124,10 @@ async def test_a_form_holds_up_and_loses_nothing(stage: Stage) -> None:
             await page.keyboard.press("Enter")
             await page.wait_for_selector("[data-text=end]")
             assert again.states[0].done
+            assert await page.is_visible(".link")
+            await again.stop()
+            await becomes(page, "document.querySelector('.link').dataset.link === 'lost'")
+            assert not await page.is_visible(".link"), "whoever has done all needs no desk"
 
 
 async def test_all_kinds_of_questions_over_two_pages(stage: Stage) -> None:
@@ -221,27 +225,37 @@ CUT = """() => {
     "robots", [4, pytest.param(1, marks=pytest.mark.slow), pytest.param(12, marks=pytest.mark.slow)]
 )
 async def test_a_laptop_shows_all_of_a_panel_without_scrolling(stage: Stage, robots: int) -> None:
-    """HRI-18: the longest line of a shipped study, map, cameras, Stop and the foot are
-    whole, and the page does not scroll."""
+    """HRI-18: below the shortest and the longest line of a shipped study, with a robot of as many
+    sensors as a P3DX has, map, cameras, Stop and the foot are whole; the page does not scroll."""
     lines = []
     for path in shipped_studies():
         study = read_study(path)
         tasks = [one for one in Session(study, study.orders[0]).tasks if one.joint]
         lines += [panel_line(study, Step("panel", one, 1, 1), 300.0) for one in tasks]
     assert any("Gamepad:" in one and "Training:" in one for one in lines)
-    desk = FakeDesk({"kind": "panel", "line": max(lines, key=len), "url": ""})
+    desk = FakeDesk(*({"kind": "panel", "line": one, "url": ""} for one in _ends(lines)))
     async with desk.serve() as port:
         gateway = FakeGateway(robots, framed_by=(f"127.0.0.1:{port}",))
+        gateway.sensors = [f"Sensor{at:02}" for at in range(18)]
         async with gateway.serve() as panel:
-            desk.steps[0]["url"] = f"http://127.0.0.1:{panel}/#operator"
+            for step in desk.steps:
+                step["url"] = f"http://127.0.0.1:{panel}/#operator"
             async with stage.page(port) as page:
                 await until(lambda: gateway.pages == 1)
                 frame = page.frames[1]
                 await becomes(frame, "document.querySelectorAll('.sensors li').length")
-                for width, height in ((1366, 768), (1280, 720)):
-                    await page.set_viewport_size({"width": width, "height": height})
-                    await becomes(frame, f"innerWidth === {width}")
-                    await becomes(frame, f"({CUT})().every(Boolean)")
+                for place, line in enumerate(_ends(lines)):
+                    await desk.go(place)
+                    await becomes(page, f"document.body.innerText.includes({line[:60]!r})")
+                    for width, height in ((1366, 768), (1280, 720)):
+                        await page.set_viewport_size({"width": width, "height": height})
+                        await becomes(frame, f"innerWidth === {width}")
+                        await becomes(frame, f"({CUT})().every(Boolean)")
+
+
+def _ends(lines: list[str]) -> tuple[str, str]:
+    """The shortest one and the longest one."""
+    return min(lines, key=len), max(lines, key=len)
 
 
 async def test_axe_finds_nothing_grave_on_any_screen(stage: Stage, npm: Any) -> None:
@@ -281,6 +295,21 @@ async def test_what_needs_a_trial_is_off_without_one(stage: Stage) -> None:
             *(("next", False), ("end", False)),
         ):
             assert await page.locator(f"[data-do={name}]").is_disabled() == off, name
+
+
+async def test_a_training_is_called_one(stage: Stage) -> None:
+    """HRI-17: what runs is ended or void by its name, and what that means for it is told."""
+    desk = FakeDesk(TEXT)
+    desk.overview = {**OVERVIEW, "training": True, "now": "training 1 of 2", "trial": None}
+    async with desk.serve() as port, stage.page(port, EXPERIMENTER) as page:
+        await page.wait_for_selector("[data-do=pass-training]:visible")
+        for name, told in (("end-trial", "is passed only if"), ("void", "is repeated")):
+            assert "training" in await page.text_content(f"[data-do={name}]")
+            await page.click(f"[data-do={name}]")
+            text = await page.text_content("dialog[open]")
+            assert told in text
+            assert "this training?" in text
+            await page.click("dialog [data-do=cancel]")
 
 
 async def test_the_experimenter_sees_and_orders(stage: Stage) -> None:

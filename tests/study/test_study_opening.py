@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -11,10 +12,10 @@ from usarsim_mission.match.conditions import Conditions
 from usarsim_server import cli
 from usarsim_server.base.errors import UsarsimError
 from usarsim_study.assignment import Cell
-from usarsim_study.session.opening import open_folder
+from usarsim_study.session.opening import next_participant, open_folder
 from usarsim_study.session.staging import Options, prepare
 from usarsim_study.session.steps import Task
-from usarsim_study.study_file import read_study
+from usarsim_study.study_file import find_study, read_study
 
 
 def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -46,6 +47,22 @@ def test_files_of_a_study_come_along(tmp_path: Path) -> None:
     assert (folder.path / "consent.txt").read_text().startswith("You may")
     assert str(home / "rules.toml") in (folder.path / "one.toml").read_text()
     assert open_folder(str(home / "study.toml"), tmp_path / "out").path == folder.path
+
+
+def test_a_study_that_has_begun_goes_on_when_its_shipped_file_was_changed(tmp_path: Path) -> None:
+    """Named by the shipped study it is refused, and the cure leads on with its own file."""
+    path = find_study("rsarsim")
+    earlier = path.read_text().replace("Ask whenever something is unclear.", "")
+    assert earlier != path.read_text()
+    (tmp_path / "study.toml").write_text(earlier)
+    code = open_folder(str(tmp_path), None).admit("2026-01-31").code
+    with pytest.raises(UsarsimError, match="holds another study") as caught:
+        open_folder("rsarsim", tmp_path)
+    cure = re.search(r"study run (.+);", str(caught.value))
+    assert cure is not None
+    with next_participant(open_folder(cure[1], None)) as found:
+        assert found.code == code
+    assert (tmp_path / "study.toml").read_text() == earlier
 
 
 @pytest.mark.parametrize(

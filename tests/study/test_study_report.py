@@ -101,11 +101,23 @@ class TestContents:
             assert word in text, word
 
     def test_numbers_have_their_units(self, planted: Path) -> None:
-        """In the tables of the primary and of secondary outcomes, of tests and of order."""
+        """In the tables of the primary and of secondary outcomes, of tests, of order, of further
+        measures and of definitions."""
         text = (planted / "report.md").read_text()
         assert "| Victims found [victims] | n | Mean" in text
         assert "| Display to mark [s], Keyboard |" in text
-        assert text.count("| Distance [m] |") == 2
+        assert text.count("| Distance [m] |") == 3
+        assert text.count("| Mean dwell [s] |") == 2
+
+    def test_shares_have_no_unit(self, tmp_path: Path) -> None:
+        """Neither in tables nor at axes."""
+        share = STUDY.replace('"victims_found"', '"teleoperation_share"', 1)
+        page = report.Sections(analyse(collect(make_study(tmp_path, Plan(4), share))))
+        assert "| Teleoperation share | n | Mean" in page.markdown()
+        assert not re.search(r"\| 1 \||\[1\]", page.markdown().partition("## Order")[2])
+        texts = re.findall(r"<text[^>]*>([^<]*)</text>", page.html())
+        assert "Gamepad minus Keyboard" in texts
+        assert texts.count("Teleoperation share") >= 2
 
     def test_nothing_empty_is_drawn(self, planted: Path, tmp_path: Path) -> None:
         """Before anybody came to the end there are neither pictures nor tables of numbers; a
@@ -118,7 +130,8 @@ class TestContents:
         assert 'class="numbers"' not in text
         trials = [replace(one, values={**one.values, "distance": None}) for one in found.trials]
         page = report.Sections(analyse(replace(found, trials=tuple(trials))))
-        assert "Without any value, and in no picture: Distance." in page.markdown()
+        assert "Without any value, and not below: Distance." in page.markdown()
+        assert "| Distance [m], Keyboard |" not in page.markdown()
         secondary = page.html().partition("Secondary outcomes</h2>")[2].partition("</figure>")[0]
         assert "Switches" in secondary
         assert "Distance</text>" not in secondary

@@ -138,7 +138,7 @@ class TestHappenings:
     )
     def test_no_word_of_the_log_is_left(self, record: dict[str, object]) -> None:
         """Each kind, cause and end there is has a sentence of its own."""
-        told = happenings.sentence(record, 75.2)
+        told = happenings.sentence(record, 75.2, "trial 1 of 2")
         assert re.fullmatch(r"01:15 [A-Z].* .*\.", told), told
         assert "_" not in told
         assert "None" not in told
@@ -150,7 +150,15 @@ class TestHappenings:
 
     def test_as_the_experimenter_reads_them(self) -> None:
         """Whole sentences, the end of an attempt too; what is not in the table is not told."""
-        told = happenings.sentence
+
+        def told(record: dict[str, object], elapsed: float) -> str:
+            return happenings.sentence(record, elapsed, "trial 1 of 2")
+
+        assert told({"kind": "trial_start"}, 0.0) == "00:00 Trial 1 of 2 begins."
+        end = {"kind": "trial_end", "why": "time"}
+        assert told(end, 61.0) == "01:01 Trial 1 of 2 ends: the time is over."
+        end = {"kind": "trial_end", "why": "operator", "text": "ended by the experimenter: lunch"}
+        assert told(end, 3.0) == "00:03 Trial 1 of 2 ends: ended by the experimenter: lunch."
         inject = {"kind": "inject", "do": "robot_fails", "robot": "R4", "lasts": 60.0}
         assert told(inject, 5.0) == "00:05 R4 fails, for 60 s."
         found = {"kind": "found", "victim": "V1", "robot": "R2", "how": "mark"}
@@ -219,6 +227,10 @@ class TestExperimenter:
                 assert (told["next"], told["training"]) == ("trial 1 of 2", False)
                 texts = [f"{one['now']} {one['next']}" for one in leader.said if "now" in one]
                 assert not any("plain" in one or "delayed" in one for one in texts)
+                for line in range(60):  # as many as two trials with alarms have
+                    room.desk.log(f"Line {line}.")
+                told = await leader.until(lambda one: "Line 59." in one.get("events", ()))
+                assert "Line 0." in told["events"]
 
         asyncio.run(go())
 

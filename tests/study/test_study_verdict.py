@@ -280,12 +280,16 @@ class TestSentences:
         assert "does not include 0. The test that decides goes by ranks, and it does not" in text
 
     def test_no_interval(self, tmp_path: Path) -> None:
-        """With two pairs there is none, and no sentence about it."""
+        """With two pairs there is none, and no sentence about it, below pictures neither."""
         text = with_values(
             tmp_path / "a", "trial_time", {"keyboard": [1.0, 2.0], "gamepad": [3.0, 5.0]}
         )
         assert "the interval of the difference says" not in text
         assert "(no interval)" in text
+        html = (tmp_path / "a" / "report.html").read_text()
+        assert "Diamonds: means." in html
+        assert ">mean</text>" in html
+        assert len(re.findall("95 % interval(?!</th>)", html)) == 0
 
     def test_orders_of_those_who_count(self, tmp_path: Path) -> None:
         """A period effect does not bias only where those who count met balanced orders."""
@@ -295,7 +299,7 @@ class TestSentences:
         assert "in balanced orders" in even
         uneven = with_values(tmp_path / "b", "trial_time", columns, starts=8)
         assert "Orders are not balanced" in uneven
-        assert "8 Keyboard then Gamepad, 4 Gamepad then Keyboard" in uneven
+        assert "(Keyboard then Gamepad: 8, Gamepad then Keyboard: 4)" in uneven
 
     def test_one_of_each(self, tmp_path: Path) -> None:
         """One participant counts, and one order has no test."""

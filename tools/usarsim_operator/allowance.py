@@ -56,7 +56,7 @@ class Allowance:
         """
         wanted = DEVICES[self.device]
         if page.role is Role.OPERATOR and wanted and device != wanted:
-            raise ValueError(f"only the {self.device} drives in this trial")
+            raise ValueError(f"only the {self.device} drives here")
 
     def check_robot(self, page: Page, robot: str) -> None:
         """Whether a robot is a page's to drive.

@@ -72,6 +72,11 @@ def unit_told(unit: str) -> str:
     return "" if unit == "1" else " per minute" if unit == "1/min" else f" {unit}"
 
 
+def with_unit(name: str, unit: str) -> str:
+    """A name with its unit, for tables and axes; alone for shares."""
+    return name if unit == "1" else f"{name} [{unit}]"
+
+
 def comparative(direction: float, unit: str) -> str:
     """What has the larger value is: times are longer or shorter, all else is more or less."""
     if unit == "s":

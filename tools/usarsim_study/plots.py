@@ -5,13 +5,14 @@ Conditions differ by colour and by shape, so that print in grey stays readable.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from usarsim_report.statistics import Interval, Paired, differences
 from usarsim_report.svg import COLOURS, HAIR, INK, MARKERS, MUTED, TIE, picture
+from usarsim_report.wording import with_unit
 from usarsim_study.analysis import Analysis, Cell, OrderEffect, Outcome
 
 
@@ -128,7 +129,7 @@ def order(analysis: Analysis, effect: OrderEffect) -> str:
             [f"Trial {at}" for at in range(1, len(effect.positions) + 1)],
         )
         axes.set_xlim(0.4, len(effect.positions) + 0.6)
-        axes.set_ylabel(f"{effect.measure.title} ({effect.measure.unit})")
+        axes.set_ylabel(with_unit(effect.measure.title, effect.measure.unit))
         for place, (_, title) in enumerate(analysis.conditions):
             axes.plot([], [], MARKERS[place], color=COLOURS[place], markersize=4.5, label=title)
         axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
@@ -192,7 +193,7 @@ def _cells(axes: Axes, outcome: Outcome, within: bool, *, labelled: bool) -> Non
     axes.set_xticks(range(len(outcome.cells)), [cell.title for cell in outcome.cells])
     axes.set_xlim(-0.5, len(outcome.cells) - 0.5)
     if labelled:
-        axes.set_ylabel(f"{outcome.measure.title} ({outcome.measure.unit})")
+        axes.set_ylabel(with_unit(outcome.measure.title, outcome.measure.unit))
 
 
 def _mean(axes: Axes, x: float, cell: Cell, labelled: bool) -> None:
@@ -205,7 +206,7 @@ def _mean(axes: Axes, x: float, cell: Cell, labelled: bool) -> None:
 
 
 def _differences(axes: Axes, outcome: Outcome) -> None:
-    """Each participant's difference, sorted, with mean and interval below."""
+    """Each participant's difference, sorted, with mean and interval below, if there are."""
     first, second = outcome.cells
     pairs = [
         (before, after)
@@ -229,7 +230,7 @@ def _differences(axes: Axes, outcome: Outcome) -> None:
             axes.plot(ends, (below, below), color=INK, linewidth=1.8)
         axes.plot(result.mean, below, "D", color=INK, markersize=5.0)
         axes.annotate(
-            "mean and 95 % interval",
+            mean_told([result.interval]),
             (result.mean if result.interval is None else result.interval.high, below),
             (6.0, 0.0),
             textcoords="offset points",
@@ -240,7 +241,7 @@ def _differences(axes: Axes, outcome: Outcome) -> None:
     axes.set_ylim(1.7 * below, len(found))
     axes.set_yticks([])
     axes.spines["left"].set_visible(False)
-    axes.set_xlabel(f"{second.title} minus {first.title} ({outcome.measure.unit})")
+    axes.set_xlabel(with_unit(f"{second.title} minus {first.title}", outcome.measure.unit))
 
 
 def _intervals(axes: Axes, outcome: Outcome) -> None:
@@ -257,7 +258,13 @@ def _intervals(axes: Axes, outcome: Outcome) -> None:
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0.0, labelcolor=INK)
     axes.spines["left"].set_visible(False)
-    axes.set_xlabel(f"Difference, mean and 95 % interval ({outcome.measure.unit})")
+    told = mean_told(one.result.interval for one in outcome.comparisons)
+    axes.set_xlabel(with_unit(f"Difference, {told}", outcome.measure.unit))
+
+
+def mean_told(intervals: Iterable[Interval | None]) -> str:
+    """What marks and lines are: few values have no interval."""
+    return "mean and 95 % interval" if any(intervals) else "mean"
 
 
 def _scaled(outcome: Outcome) -> tuple[float, Interval | None] | None:

@@ -21,6 +21,7 @@ from usarsim_report.wording import (
     p_value,
     span,
     unit_told,
+    with_unit,
 )
 from usarsim_server.base.csv_files import Cellular, csv_text
 from usarsim_server.base.files import write_text
@@ -323,8 +324,8 @@ def _known(outcome: Outcome) -> bool:
 
 
 def _named(measure: Measure) -> str:
-    """A measure with its unit, for tables of numbers."""
-    return measure.title if measure.unit == "1" else f"{measure.title} [{measure.unit}]"
+    """A measure with its unit."""
+    return with_unit(measure.title, measure.unit)
 
 
 def _title(analysis: Analysis, condition: str) -> str:
@@ -340,7 +341,7 @@ def _primary(page: Page, analysis: Analysis) -> None:
     if _known(outcome):
         page.picture(
             plots.primary(outcome, within),
-            f"Every participant{joined}. Diamonds: means with 95 % intervals.",
+            f"Every participant{joined}. Diamonds: {_means(outcome)}.",
         )
     heads = (_named(outcome.measure), *_SUMMARY[1:])
     page.table(heads, [_summary_row(cell.title, cell.summary) for cell in outcome.cells], "numbers")
@@ -351,6 +352,13 @@ def _primary(page: Page, analysis: Analysis) -> None:
             f"{p_told(one.p, analysis.alpha)}, effect {number(one.effect)}."
         )
     _tests(page, [outcome], analysis.alpha)
+
+
+def _means(outcome: Outcome) -> str:
+    """What diamonds show; few values have no interval."""
+    summaries = [cell.summary for cell in outcome.cells]
+    known = any(one is not None and one.interval is not None for one in summaries)
+    return "means with 95 % intervals" if known else "means"
 
 
 _SUMMARY = ("", "n", "Mean", "95 % interval", "Median", "Quartiles", "SD")
@@ -412,19 +420,24 @@ def _secondary(page: Page, analysis: Analysis) -> None:
     within = analysis.design == "within"
     known = [one for one in outcomes if _known(one)]
     if unknown := [one.measure.title for one in outcomes if not _known(one)]:
-        page.paragraph(f"Without any value, and in no picture: {', '.join(unknown)}.", "note")
+        page.paragraph(f"Without any value, and not below: {', '.join(unknown)}.", "note")
     if known:
         page.picture(plots.secondary(known, within), "Every participant, as above.")
     if len(analysis.conditions) == 2:
+        intervals = [
+            one.result.interval for outcome in analysis.outcomes for one in outcome.comparisons
+        ]
         page.picture(
             plots.forest(analysis.outcomes),
-            "All outcomes side by side: differences in standard deviations, with 95 % intervals.",
+            "All outcomes side by side: differences in standard deviations"
+            + (", with 95 % intervals." if any(intervals) else "."),
         )
     rows = []
-    for outcome in outcomes:
+    for outcome in known:
         for cell in outcome.cells:
             rows.append(_summary_row(f"{_named(outcome.measure)}, {cell.title}", cell.summary))
-    page.table(_SUMMARY, rows, "numbers")
+    if rows:
+        page.table(_SUMMARY, rows, "numbers")
     if len(analysis.conditions) > 2:
         page.table(
             ("All conditions", "Test", "p", "Holm p", "Effect"),
@@ -474,7 +487,7 @@ def _balance(analysis: Analysis, effect: OrderEffect) -> str:
             f"those who count met them in balanced orders. {carried}"
         )
     told = ", ".join(
-        f"{count} {' then '.join(_title(analysis, name) for name in order)}"
+        f"{' then '.join(_title(analysis, name) for name in order)}: {count}"
         for order, count in effect.orders
     )
     return (
@@ -515,8 +528,8 @@ def _described(page: Page, analysis: Analysis) -> None:
             else f"{number(cell.summary.mean)} ({number(cell.summary.median)})"
             for cell in outcome.cells
         ]
-        rows.append([outcome.measure.title, outcome.measure.unit, *cells])
-    page.table(("Measure", "Unit", *(title for _, title in analysis.conditions)), rows, "numbers")
+        rows.append([_named(outcome.measure), *cells])
+    page.table(("Measure", *(title for _, title in analysis.conditions)), rows, "numbers")
 
 
 def _methods(page: Page, analysis: Analysis) -> None:
@@ -532,9 +545,9 @@ def _methods(page: Page, analysis: Analysis) -> None:
         f"List of assignments: SHA-256 {analysis.allocation}."
     )
     page.table(
-        ("Measure", "Unit", "Definition", "Source"),
+        ("Measure", "Definition", "Source"),
         [
-            [one.measure.title, one.measure.unit, one.measure.definition, one.measure.source]
+            [_named(one.measure), one.measure.definition, one.measure.source]
             for one in (*analysis.outcomes, *analysis.described)
         ],
         "words",

@@ -18,6 +18,13 @@ def _result(trial: Trial, *path: str) -> float | None:
     return float(found) if isinstance(found, int | float) and math.isfinite(found) else None
 
 
+_LATENCY = (
+    "Wall time from an input event by the page's clock, set to the gateway's, to the command on "
+    "the wire"
+)
+_AGE = "Age of a picture when a page shows it, of all pictures that pages told about"
+
+
 @measure(
     "coverage",
     "Coverage",
@@ -35,7 +42,8 @@ def coverage(trial: Trial, part: Part) -> float | None:
     "coverage_base",
     "Coverage known at the base",
     "1",
-    "The same, of what reached the base by radio.",
+    "Reachable floor inside any sensor's polygon that reached the base by radio, over all "
+    "reachable floor.",
     BALAKIRSKY,
     better="more",
 )
@@ -117,8 +125,7 @@ def _latencies(trial: Trial, part: Part) -> list[float]:
     "command_latency",
     "Command latency, median",
     "s",
-    "Wall time from an input event by the page's clock, set to the gateway's, to the command on "
-    "the wire: median.",
+    f"{_LATENCY}: median.",
     OURS,
     by=("operator",),
     better="less",
@@ -132,7 +139,7 @@ def command_latency(trial: Trial, part: Part) -> float | None:
     "command_latency_p95",
     "Command latency, 95th percentile",
     "s",
-    "The same: 95th percentile.",
+    f"{_LATENCY}: 95th percentile.",
     OURS,
     by=("operator",),
     better="less",
@@ -154,7 +161,7 @@ def _ages(trial: Trial, part: Part) -> list[float]:
     "frame_age",
     "Frame age, median",
     "s",
-    "Age of a picture when a page shows it, of all pictures that pages told about: median.",
+    f"{_AGE}: median.",
     OURS,
     by=("operator", "robot"),
     better="less",
@@ -168,7 +175,7 @@ def frame_age(trial: Trial, part: Part) -> float | None:
     "frame_age_p95",
     "Frame age, 95th percentile",
     "s",
-    "The same: 95th percentile.",
+    f"{_AGE}: 95th percentile.",
     OURS,
     by=("operator", "robot"),
     better="less",

@@ -23,7 +23,7 @@ from usarsim_study.errors import StudyError
 from usarsim_study.folder import TrialStatus
 from usarsim_study.forms import FormState
 from usarsim_study.session.desk import RETRY, Desk
-from usarsim_study.session.happenings import attempt_told, sentence
+from usarsim_study.session.happenings import attempt_told, closed, sentence
 from usarsim_study.session.notebook import broken, form_record
 from usarsim_study.session.probes import Scene, probe_form, probe_record
 from usarsim_study.session.screens import many, panel_line, task_told
@@ -90,6 +90,7 @@ class Attempt:
         self._victims: list[str] = []
         study = desk.book.session.study
         self._study = study
+        self._told = task_told(desk.book.session, self.task)
         self._probes = list(enumerate(study.probe, start=1)) if self.task.kind == "trial" else []
         self._probes.sort(key=lambda one: one[1].at)
 
@@ -104,7 +105,7 @@ class Attempt:
         try:
             folder = book.begin(self.task)
         except OSError as error:
-            desk.log(f"The trial cannot begin: {reason(error)} (make room on the disk)")
+            desk.log(closed(f"{self._told} cannot begin: {reason(error)} (make room on the disk)"))
             await asyncio.sleep(RETRY)
             return
         desk.refresh()
@@ -176,8 +177,7 @@ class Attempt:
                 await asyncio.sleep(RETRY)
             else:
                 break
-        what = task_told(self.desk.book.session, self.task)
-        self.desk.log(attempt_told(what, status, why))
+        self.desk.log(attempt_told(self._told, status, why))
 
     # -- while it runs ------------------------------------------------------------------------
 
@@ -223,7 +223,7 @@ class Attempt:
     def _begin_now(self) -> bool:
         begun = self.trial is not None and self.trial.begin()
         if begun:
-            self.desk.log("It begins, though not everybody is ready.")
+            self.desk.log(closed(f"{self._told} begins, though not everybody is ready"))
         return begun
 
     async def _inject(self, told: dict[str, Any]) -> str:
@@ -251,7 +251,7 @@ class Attempt:
             self.values = record["values"]
             if panels is not None:
                 panels.watch["score"] = record["total"]
-        if told := sentence(record, record["t_sim"] - (self.began or 0.0)):
+        if told := sentence(record, record["t_sim"] - (self.began or 0.0), self._told):
             self.desk.log(told)
 
     async def _look(self, row: TruthRow) -> None:

@@ -29,7 +29,7 @@ OVERVIEW_EVERY = 0.5
 """s of wall time between two overviews, at least."""
 RETRY = 2.0
 """s of wall time until what could not be stored is tried again."""
-_EVENTS = 12  # newest lines of the log in an overview
+_EVENTS = 100  # newest lines of the log in an overview
 
 
 Run = Callable[["Desk", Step], Awaitable[None]]

@@ -56,7 +56,9 @@ STATUSES: Mapping[str, str] = {
 
 
 def _end(one: Record) -> str:
-    return _with(f"it ends: {_of(ENDS, one.get('why'))}", one.get("text"))
+    why, text = _of(ENDS, one.get("why")), one.get("text")
+    told = text if text and one.get("why") == "operator" else _with(why, text)
+    return f"{one['what']} ends: {told}"
 
 
 def _found(one: Record) -> str:
@@ -81,7 +83,7 @@ def _inject(one: Record) -> str:
 
 
 SENTENCES: Mapping[str, Callable[[Record], str]] = {
-    "trial_start": lambda _: "it begins",
+    "trial_start": lambda one: f"{one['what']} begins",
     "trial_end": _end,
     "found": _found,
     "credit": _credit,
@@ -90,16 +92,19 @@ SENTENCES: Mapping[str, Callable[[Record], str]] = {
     "inject": _inject,
     "error": lambda one: _with("a fault", one.get("text")),
 }
-"""By kind of record."""
+"""By kind of record, in which `what` runs stands too."""
 
 
-def sentence(record: Record, elapsed: float) -> str:
-    """A record with the time in the trial, s; empty: the experimenter is not told of it."""
+def sentence(record: Record, elapsed: float, what: str) -> str:
+    """A record with the time in the trial, s; empty: the experimenter is not told of it.
+
+    what: a training or a trial, in words.
+    """
     words = SENTENCES.get(record["kind"])
     if words is None:
         return ""
     minutes, seconds = divmod(int(max(elapsed, 0.0)), 60)
-    return f"{minutes:02}:{seconds:02} {closed(words(record))}"
+    return f"{minutes:02}:{seconds:02} {closed(words({**record, 'what': what}))}"
 
 
 def closed(text: str) -> str:

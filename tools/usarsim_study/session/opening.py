@@ -42,7 +42,7 @@ def open_folder(name: str, out: Path | None) -> StudyFolder:
     try:
         if target.exists():
             if target.read_bytes() != path.read_bytes():
-                cure = "name another folder, or run the study of this one"
+                cure = f"go on with that one: study run {out}; or name another folder"
                 raise StudyError(at(out, "holds another study", cure))
         else:
             look(study, path)

@@ -296,7 +296,7 @@ export class Input {
     if (Object.values(all).every(isNeutral)) this.waits = this.refused = false;
     const only = this.store.welcome?.device;
     const { wishes, refused } = allowed(all, only);
-    if (refused) this.refuse(`only the ${only} drives in this trial`);
+    if (refused) this.refuse(`only the ${only} drives here`);
     const another = this.driven !== "" && this.driven !== robot?.name;
     if (this.driven !== "" && (another || !free)) this.waits = true;
     if (another) this.stopDriven(now);

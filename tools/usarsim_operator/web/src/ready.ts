@@ -39,12 +39,12 @@ export function readyBar(store: Store, link: Link, input: { padAnswered: boolean
     say(
       text,
       missing === "pad"
-        ? "Press any button on the gamepad: the trial begins when it answers."
+        ? "Press any button on the gamepad: it begins when the pad answers."
         : missing === "picture"
-          ? `The trial begins when ${first} has come.`
+          ? `It begins when ${first} has come.`
           : missing === "robot"
-            ? "The trial begins when the robots are there."
-            : "Ready. The trial begins when everybody is.",
+            ? "It begins when the robots are there."
+            : "Ready. It begins when everybody is.",
     );
   };
   for (const topic of ["state", "picture", "select", "welcome"] as const) store.on(topic, look);

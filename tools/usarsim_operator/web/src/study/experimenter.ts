@@ -49,24 +49,24 @@ export class Experimenter {
     ),
   );
   /** What a trial or training must run for. */
-  private readonly ending = [
-    button("End this trial", "end-trial", () =>
-      this.reason(
-        "End this trial?",
-        "It ends now and counts as it is. Void it instead if it should be repeated.",
-        "End it",
-        "end_trial",
-      ),
+  private readonly end = button("End this trial", "end-trial", () =>
+    this.reason(
+      `End this ${this.what}?`,
+      this.what === "trial"
+        ? "It ends now and counts as it is. Void it instead if it should be repeated."
+        : "It ends now and is passed only if all that it asks for is done. Void it if this attempt should not count.",
+      "End it",
+      "end_trial",
     ),
-    button("Void this trial", "void", () =>
-      this.reason(
-        "Void this trial?",
-        "It ends now, does not count, and is repeated.",
-        "Void it",
-        "void",
-      ),
+  );
+  private readonly void = button("Void this trial", "void", () =>
+    this.reason(
+      `Void this ${this.what}?`,
+      "It ends now, does not count, and is repeated.",
+      "Void it",
+      "void",
     ),
-  ];
+  );
   private readonly leave = button("End the session", "end", () =>
     this.reason(
       "End the session?",
@@ -77,6 +77,8 @@ export class Experimenter {
   );
   private readonly happen = h("button", { type: "submit", "data-do": "inject" }, "Do it");
   private rows = "";
+  /** What runs or comes next. */
+  private what: "trial" | "training" = "trial";
   /** A form stands before the participant. */
   private asks = false;
 
@@ -132,7 +134,10 @@ export class Experimenter {
     this.fact("next", told.next ?? "–");
     this.pass.hidden = !told.training || status !== "running";
     say(this.next, status === "running" ? "Next step" : "Next participant");
-    for (const one of [...this.ending, this.happen])
+    this.what = told.training ? "training" : "trial";
+    say(this.end, `End this ${this.what}`);
+    say(this.void, `Void this ${this.what}`);
+    for (const one of [this.end, this.void, this.happen])
       one.disabled = status !== "running" || !told.panel;
     this.leave.disabled = status !== "running";
     say(this.trouble, told.trouble ?? "");
@@ -173,7 +178,8 @@ export class Experimenter {
       { class: "orders" },
       this.next,
       this.pass,
-      ...this.ending,
+      this.end,
+      this.void,
       this.leave,
       this.watch,
       this.trouble,

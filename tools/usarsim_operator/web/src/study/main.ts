@@ -40,6 +40,8 @@ function start(): void {
     const waiting = unsaved.size > 0;
     mark(state, "data-link", connected ? "good" : "lost");
     mark(state, "data-unsaved", String(unsaved.size));
+    // A desk may end with its last session: at the end a participant needs it no more.
+    state.hidden = !connected && !waiting && !experimenter && desk.step?.kind === "end";
     const kept = waiting ? "; your answers are kept here" : "";
     say(
       state,
