@@ -154,6 +154,9 @@ def test_a_session_that_is_cut_off_everywhere(tmp_path: Path) -> None:
             async with panel(room, page) as drives:
                 step = await page.at("form", "probe-1")
                 assert step["freeze"] is True
+                asked = "a question in the middle of the trial"
+                now = await leader.until(lambda one: one.get("now") == asked)
+                assert now["next"] == "trial 1 of 2 goes on"
                 mark = {"type": "mark", "robot": "R1", "place": [4.0, 0.0, 0.0]}
                 await drives.ws.send_json(mark)  # counts when the world goes on
                 told = {"do": "message", "text": "Hurry"}

@@ -231,7 +231,7 @@ class Desk:
         told = {
             "type": "overview",
             "now": "a question in the middle of the trial" if self.probe else now,
-            "next": now if self.probe else following,
+            "next": f"{now} goes on" if self.probe else following,
             "training": task is not None and task.kind == "training",
             "participant": who.code,
             "number": who.number,
