@@ -25,6 +25,7 @@ from usarsim_server.testing import PATIENCE
 
 PIXELS = """() => {
   const image = document.querySelector("img");
+  if (!image.naturalWidth) return [0, 0, ""];
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [image.naturalWidth, image.naturalHeight];
   const context = canvas.getContext("2d");
@@ -55,6 +56,9 @@ async def same(page: Any, tape: Tape, step: int, overlays: set[str], robot: int 
     async with asyncio.timeout(PATIENCE):
         while True:
             rows, columns, data = await page.evaluate(PIXELS)
+            if not rows:  # the next picture is on its way
+                await asyncio.sleep(0.01)
+                continue
             assert (rows, columns) == wanted.shape[:2]
             found = np.frombuffer(base64.b64decode(data), np.uint8).reshape(-1, 4)[:, :3]
             if (found == wanted.reshape(-1, 3)[: len(found)]).all():
