@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import ast
 import os
+import queue
 import random
 import shlex
 import shutil
@@ -19,6 +20,7 @@ import sys
 import time
 import tomllib
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -112,8 +114,8 @@ def lines_that_count(text: str) -> set[int]:
     return set(range(1, text.count("\n") + 2)) - idle
 
 
-def tree_of(number: int) -> Path:
-    """A fresh copy of the checkout in which one worker changes code."""
+def tree_of(number: int) -> None:
+    """Make a fresh copy of the checkout in which one worker changes code."""
     tree = OUT / f"tree{number}"
     listed = subprocess.run(
         ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
@@ -127,7 +129,6 @@ def tree_of(number: int) -> Path:
         if (TOP / name).is_file():
             (tree / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(TOP / name, tree / name)
-    return tree
 
 
 def judge(name: str, tree: Path) -> None:
@@ -144,7 +145,8 @@ def judge(name: str, tree: Path) -> None:
     os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
     words = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *kernel.tests]
     begun = time.monotonic()
-    subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
+    if subprocess.run(words, check=False, stdout=subprocess.DEVNULL).returncode:
+        sys.exit(f"error: the tests of {name} fail without a mutant (cure: make test)")
     limit = 5.0 + PATIENCE * (time.monotonic() - begun)
     fresh = not store.exists()
     with use_db(str(store), WorkDB.Mode.create if fresh else WorkDB.Mode.open) as work:
@@ -160,6 +162,22 @@ def judge(name: str, tree: Path) -> None:
         for number, item in enumerate(waiting, 1):
             work.set_result(item.job_id, mutate_and_test(item.mutations, shlex.join(words), limit))
             print(f"{name}: {number} of {len(waiting)}", flush=True)
+
+
+def run(names: Sequence[str]) -> None:
+    """Judge what is left of some kernels, each in a process of its own."""
+    trees: queue.SimpleQueue[int] = queue.SimpleQueue()
+    for number in range(AT_ONCE):
+        tree_of(number)
+        trees.put(number)
+
+    def work(name: str) -> None:
+        number = trees.get()
+        subprocess.run([sys.executable, __file__, "--worker", str(number), name], check=False)
+        trees.put(number)
+
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        list(pool.map(work, names))
 
 
 def changed(diff: str) -> tuple[str, str]:
@@ -216,18 +234,12 @@ def main() -> int:
     if wishes.worker is not None:
         judge(names[0], OUT / f"tree{wishes.worker}")
         return 0
-    OUT.mkdir(exist_ok=True)
-    waiting = list(names)
-    running: dict[int, subprocess.Popen[bytes]] = {}
-    trees = [] if wishes.report else [tree_of(number) for number in range(AT_ONCE)]
-    while trees and (waiting or running):
-        for number in range(len(trees)):
-            if number in running and running[number].poll() is not None:
-                del running[number]
-            if number not in running and waiting:
-                words = [sys.executable, __file__, "--worker", str(number), waiting.pop(0)]
-                running[number] = subprocess.Popen(words)
-        time.sleep(0.2)
+    try:
+        if not wishes.report:
+            run(names)
+    except KeyboardInterrupt:
+        print("interrupted: the same command goes on where it was", file=sys.stderr)
+        return 130
     return 0 if report(names) else 1
 
 

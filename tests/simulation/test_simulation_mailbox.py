@@ -75,7 +75,8 @@ def test_requests_that_come_meanwhile_wait() -> None:
 
     def again() -> None:
         done.append(len(done))
-        mail.post(again)
+        if len(done) < 9:
+            mail.post(again)
 
     mail.post(again)
     mail.obey()

@@ -169,8 +169,8 @@ def _walker(trail: deque[tuple[float, Disc]], time: float) -> Walker | None:
     if not 0.0 < took < _WALKS or unseen > _GOES_ON:
         return None
     dx, dy = ((new - old) / took for new, old in zip(now.place, was.place, strict=True))
-    walker = Walker(now.place, (dx, dy), now.radius)
-    return Walker(walker.disc(unseen).place, (dx, dy), now.radius)
+    x, y = now.place
+    return Walker((x + dx * unseen, y + dy * unseen), (dx, dy), now.radius)
 
 
 def _tile(place: Place) -> tuple[int, int]:

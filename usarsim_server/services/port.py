@@ -100,6 +100,11 @@ class Guests:
         """Number of connections."""
         return len(self._guests)
 
+    @property
+    def known(self) -> int:
+        """Number of connections that have said hello, where that counts."""
+        return sum(not one.unknown for one in self._guests)
+
     @contextmanager
     def enter(self, peer: str) -> Iterator[Guest]:
         """The connection that the running task serves is a guest while inside."""

@@ -110,7 +110,6 @@ class ScenePort(PortService[SceneLimits]):
         self._channels = {**own, **(channels or {})}
         self._requests: dict[str, Request] = {"rate": self._change_rate, **(requests or {})}
         self._board = Board(feed)
-        self._subscribers = 0
 
     async def start(self) -> Endpoint:
         """See `PortService.start`."""
@@ -144,7 +143,7 @@ class ScenePort(PortService[SceneLimits]):
         given = hello.token.encode("utf-8", "surrogatepass")
         if self._token is not None and not hmac.compare_digest(given, self._token.encode()):
             raise SceneError("the token is wrong")
-        if self._subscribers >= self._limits.subscribers:
+        if self._guests.known >= self._limits.subscribers:
             raise SceneError(f"too many clients (at most {self._limits.subscribers})")
         welcome = {
             "type": "welcome",
@@ -160,15 +159,6 @@ class ScenePort(PortService[SceneLimits]):
         """What it asked for, in the order of the table: a pose comes after who it is of."""
         wanted = subscriber.hello.channels
         return (make(subscriber) for name, make in self._channels.items() if name in wanted)
-
-    @contextlib.contextmanager
-    def counting(self) -> Iterator[None]:
-        """A client that has said hello has one of the places inside."""
-        self._subscribers += 1
-        try:
-            yield
-        finally:
-            self._subscribers -= 1
 
     async def answer(self, subscriber: Subscriber, fields: Mapping[str, object]) -> bytes:
         """The reply to a request."""
@@ -222,7 +212,7 @@ class _Conversation:
         # It may be silent from now on, and keeps its place.
         self._guest.standing, self._guest.unknown = lambda: True, False
         subscriptions = []
-        with subscriber.leaving as stack, self._port.counting():
+        with subscriber.leaving as stack:
             await self._send(welcome)
             for one in self._port.subscribe(subscriber):
                 stack.callback(one.close)

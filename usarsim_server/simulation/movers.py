@@ -127,14 +127,15 @@ class MovingBodies(Part):
                 raise ValueError(f"body {name!r} cannot be moved: it {what}")
 
     def _change(self) -> None:
-        """Look for the bodies of all movers before the next step; it takes up to 1 ms."""
-        self._found = False
+        """Have the bodies of all movers looked up when they are placed next: once, however many
+        change until then."""
+        self._looked_up = False
         self._placed = self._clear = -math.inf
 
-    def _find(self) -> None:
-        if self._found:
+    def _look_up(self) -> None:
+        if self._looked_up:
             return
-        self._found = True
+        self._looked_up = True
         model = self._model
         movers = [Mover(one.body, since(self._epoch, one.pose)) for one in self.movers]
         movers += [*(one for own in self._followers.values() for one in own)]
@@ -194,7 +195,7 @@ class MovingBodies(Part):
     def _look(self, data: mujoco.MjData) -> None:
         """Place the bodies and see whether anything may come near one of them before the next
         look; unless that is known from the last one."""
-        self._find()
+        self._look_up()
         time = data.time
         if time < self._clear:
             return
@@ -216,7 +217,7 @@ class MovingBodies(Part):
 
     def apply(self, data: mujoco.MjData, time: float) -> None:
         """Put all bodies where they are at a time."""
-        self._find()
+        self._look_up()
         if not self._ways or time == self._placed:
             return
         self._placed = time
