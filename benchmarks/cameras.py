@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from statistics import median
 
@@ -61,8 +60,7 @@ def measure_watched(plan: Plan) -> Section:
         port = server.port_of("images")
         # As many tiles as cameras: whoever has which, all of them are watched.
         gather(crowd, robots, (CAMERA_SCOUT,), TOGETHER)
-        with ExitStack() as stack:
-            found = stack.enter_context(watching(port, tiles_of(robots), CAMERA_RATE))
+        with watching(port, tiles_of(robots), CAMERA_RATE) as found:
             trial = try_team(server, crowd, 0, seconds)
         seen = [summed_up(one, trial.start, trial.stop) for one in found]
     width, height = TILE_SIZE

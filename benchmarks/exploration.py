@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from benchmarks.apart import run_apart
 from benchmarks.plan import Plan
-from usarsim_bench.figures import Aim, BenchError, Figure, Section, Table, in_ms
+from usarsim_bench.figures import Aim, BenchError, Figure, Section, in_ms
 
 STEPS = 300
 WARM_UP = 3
@@ -127,8 +127,8 @@ def measure_explore(plan: Plan) -> Section:
         f"Teams of the frontier strategy, 3 cells a step, scanner of 100 cells, radio of 200, from "
         f"the start for {steps} steps or until all are back; processor time of one thread.",
         tuple(figures),
-        table=Table(
+        table=(
             ("case", "steps", "steps per s", *(f"{phase}, ms a step" for phase in PHASES)),
-            tuple(rows),
+            *rows,
         ),
     )

@@ -20,7 +20,7 @@ from benchmarks.swarm import TOGETHER
 from benchmarks.tally import Tally, intervals
 from benchmarks.team import SETTLE, gather
 from usarsim_bench.crowd import Crowd
-from usarsim_bench.figures import Aim, Figure, Section, Table
+from usarsim_bench.figures import Aim, Figure, Section
 from usarsim_server.base.errors import UsarsimError
 
 ROBOTS = 8
@@ -297,5 +297,5 @@ def _section(
         "the server had ended under attack. "
         f"The attackers together use at most {SHARE:g} of a processor.",
         tuple(figures),
-        table=Table(HEADS, tuple(rows)),
+        table=(HEADS, *rows),
     )

@@ -11,9 +11,8 @@ from statistics import median
 
 import numpy as np
 
-from usarsim_bench.figures import BenchError
 from usarsim_bench.recording import Chunk, Sample, lines, real_time_factor
-from usarsim_bench.watching import View
+from usarsim_bench.watching import View, waits
 
 _SENSOR = re.compile(rb"SEN .*?\{Type ([^\s{}]+)\} ?\{Name ([^\s{}]+)")
 _TIMED_SENSOR = re.compile(rb"SEN \{Time ([0-9.]+)\} ?\{Type [^\s{}]+\} ?\{Name ([^\s{}]+)")
@@ -142,28 +141,30 @@ class ViewerTrial:
 
     pictures: float  # received per second
     news: float  # pictures per second that differed from the one before
-    median: float  # s from asking to the last byte; median and 99th percentile
+    median: float  # s from asking to the last byte; median and 99th percentile (`waits`)
     tail: float
     longest: float  # s, the longest of them
     octets: float  # received per second
 
 
 def summed_up(pictures: Sequence[View], start: float, stop: float) -> ViewerTrial:
-    """What came within a span of wall time.
+    """What came within a span of wall time, and how long pictures took that were on their way.
+
+    Args:
+        pictures: all that the viewer got, the one too that was on its way at the end of the span.
+        start, stop: the span, s of `time.perf_counter`.
 
     Raises:
-        BenchError: if no picture came.
+        BenchError: if no picture was asked for.
     """
     seen = [one for one in pictures if start <= one.come <= stop]
-    if not seen:
-        raise BenchError(f"no picture came in {stop - start:.1f} s")
-    waits = [one.come - one.asked for one in seen]
+    taken = waits(pictures, start, stop)
     news = sum(one.content != before.content for before, one in pairwise(seen))
     return ViewerTrial(
         pictures=len(seen) / (stop - start),
         news=news / (stop - start),
-        median=median(waits),
-        tail=p99(waits),
-        longest=max(waits),
+        median=median(taken),
+        tail=p99(taken),
+        longest=max(taken),
         octets=sum(one.octets for one in seen) / (stop - start),
     )

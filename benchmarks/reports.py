@@ -11,9 +11,7 @@ def as_markdown(report: Report) -> str:
     """Headings and tables; of several sections the aims stand together first. Ends with a line
     feed."""
     parts = ["# Measurements", _markdown_table(("Circumstance", ""), report.facts.items())]
-    if len(report.sections) > 1 and (
-        found := aimed(report, [one.title for one in report.sections])
-    ):
+    if len(report.sections) > 1 and (found := aimed(report)):
         parts += ["## All aims", _markdown_table(("What", "Measured", "Aim", ""), found)]
     for section in report.sections:
         parts.append(f"## {section.title}")
@@ -21,8 +19,9 @@ def as_markdown(report: Report) -> str:
             parts.append(f"FAILED: {section.failure}")
             continue
         parts.append(section.setting)
-        if section.table is not None:
-            parts.append(_markdown_table(section.table.heads, section.table.rows))
+        if section.table:
+            heads, *cases = section.table
+            parts.append(_markdown_table(heads, cases))
         if section.figures:
             parts.append(_markdown_table(("Figure", "Value", "Unit", "Aim", ""), rows(section)))
     return "\n\n".join([*parts, summary(report)]) + "\n"

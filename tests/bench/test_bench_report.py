@@ -120,8 +120,8 @@ class TestAllAims:
         assert table.splitlines() == [
             "| What | Measured | Aim |  |",
             "| --- | --- | --- | --- |",
-            "| One: Factor | 0.9994 | >= 0.999 | met |",
-            "| Two: Use | 12,345.7 cores | < 1.2 | MISSED |",
+            "| a: Factor | 0.9994 | >= 0.999 | met |",
+            "| b: Use | 12,345.7 cores | < 1.2 | MISSED |",
         ]
 
     def test_end_the_text(self) -> None:

@@ -105,3 +105,12 @@ def test_classes_that_are_missing_are_left_out() -> None:
     assert asyncio.run(of_classes(case, ("NoCar", "Sedan"), make)) == ["Sedan"]  # type: ignore[arg-type]
     with pytest.raises(NotApplicable, match="no NoCar; no NoBus"):
         asyncio.run(of_classes(case, ("NoCar", "NoBus"), make))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("first", [0.0, 0.013, 0.029, 0.044])
+def test_rounded_places_do_not_change_a_speed(first: float) -> None:
+    """Places to the centimetre five times a second, as the udk dialect has them: 0.211 m/s over
+    the last second is right within 2 percent, whenever the first report comes."""
+    places = [round(0.211 * (first + step / 5.0), 2) for step in range(13)]
+    leg = _leg([_report(first + step / 5.0, x, 0.0, 0.0) for step, x in enumerate(places)])
+    assert leg.velocity_at_last(0.45)[0] == pytest.approx(0.211, rel=0.02)

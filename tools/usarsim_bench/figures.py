@@ -77,14 +77,6 @@ def in_ms(name: str, seconds: float, digits: int = 2, aim: Aim | None = None) ->
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
-    """Many cases beside each other."""
-
-    heads: tuple[str, ...]  # of the columns; the first names the case
-    rows: tuple[tuple[str, ...], ...]  # a text for each column
-
-
-@dataclass(frozen=True, slots=True)
 class Section:
     """The figures of one measurement."""
 
@@ -93,7 +85,8 @@ class Section:
     setting: str  # under which circumstances they were taken
     figures: tuple[Figure, ...]  # in the order to show them
     failure: str | None = None  # why there are none, or None
-    table: Table | None = None  # of the cases that the figures sum up, or None
+    table: tuple[tuple[str, ...], ...] = ()
+    """Many cases beside each other: heads of the columns, then the rows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,13 +137,13 @@ def as_text(report: Report) -> str:
     parts = [facts(report.facts.items())]
     for section in report.sections:
         setting = textwrap.fill(section.setting, _WIDTH)
-        if section.table is not None:
-            setting += f"\n{_columns((section.table.heads, *section.table.rows))}"
+        if section.table:
+            setting += f"\n{_columns(section.table)}"
         if section.figures:
             setting += f"\n{_columns(rows(section))}"
         told = setting if section.failure is None else f"FAILED: {section.failure}"
         parts.append(f"{section.title}\n{told}")
-    if len(report.sections) > 1 and (found := aimed(report, [one.key for one in report.sections])):
+    if len(report.sections) > 1 and (found := aimed(report)):
         parts.append(f"All aims\n{_columns(found)}")
     return "\n\n".join([*parts, summary(report)])
 
@@ -183,12 +176,11 @@ def rows(section: Section) -> list[tuple[str, ...]]:
     ]
 
 
-def aimed(report: Report, heads: Sequence[str]) -> list[tuple[str, str, str, str]]:
-    """What has an aim, of all sections, which are called by their heads: what it is, value with
-    unit, aim, verdict."""
+def aimed(report: Report) -> list[tuple[str, str, str, str]]:
+    """What has an aim, of all sections: what it is, value with unit, aim, verdict."""
     return [
-        (f"{head}: {f.name}", f"{f.text} {f.unit}".rstrip(), str(f.aim), _VERDICT[f.met])
-        for head, section in zip(heads, report.sections, strict=True)
+        (f"{section.key}: {f.name}", f"{f.text} {f.unit}".rstrip(), str(f.aim), _VERDICT[f.met])
+        for section in report.sections
         for f in section.figures
         if f.aim is not None
     ]

@@ -69,3 +69,17 @@ def watching(
     for error in (one.exception() for one in clients):
         if error is not None:
             raise BenchError(f"a client of images was failed: {error}")
+
+
+def waits(views: Sequence[View], start: float, stop: float) -> list[float]:
+    """How long each picture took that was on its way at any time of a span of wall time, s.
+
+    One that came only after the span counts too: a server that sends nothing is not left out.
+
+    Raises:
+        BenchError: if no picture was asked for.
+    """
+    found = [one.come - one.asked for one in views if one.asked <= stop and one.come >= start]
+    if not found:
+        raise BenchError(f"no picture was asked for in {stop - start:.1f} s")
+    return found

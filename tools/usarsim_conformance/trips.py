@@ -7,7 +7,7 @@ import itertools
 import math
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
-from statistics import fmean
+from statistics import fmean, linear_regression
 from typing import TypeVar
 
 from usarsim_conformance.case import Case
@@ -51,10 +51,18 @@ class Leg:
         return self.velocity_at_last(0.6)
 
     def velocity_at_last(self, share: float) -> tuple[float, float, float]:
-        """The same, in the last share of the time only."""
+        """The same, in the last share of the time only.
+
+        It is the slope of all places over time (least squares), not the way between two of them:
+        reports are rounded to centimetres, which is some 5 percent of the way of a second.
+        """
         first, last = self._steady(share)
-        passed = last.time - first.time
-        x, y, z = ((b - a) / passed for a, b in zip(first.location, last.location, strict=True))
+        later = [one for one in self.moments if one.time >= first.time]
+        times = [one.time for one in later]
+        x, y, z = (
+            linear_regression(times, axis).slope
+            for axis in zip(*(one.location for one in later), strict=True)
+        )
         middle = (first.yaw + last.yaw) / 2.0
         cos, sin = math.cos(middle), math.sin(middle)
         return cos * x + sin * y, cos * y - sin * x, z
@@ -62,12 +70,13 @@ class Leg:
     @property
     def speed(self) -> float:
         """m/s along its path, negative backwards."""
-        first, _ = self._steady()
-        track = [one for one in self.moments if one.time >= first.time]
-        # The chord of an arc, made as long as the arc.
+        first, last = self._steady()
+        # On an arc of h to either side of its middle, places along the middle's direction go as
+        # sin(t) for -h <= t <= h, whose slope by least squares is 3 (sin h - h cos h) / h^3.
         ahead, right, _ = self.velocity
-        half = abs(track[-1].yaw - first.yaw) / 2.0
-        longer = half / math.sin(half) if 1e-3 < half < 3.0 else 1.0
+        half = abs(last.yaw - first.yaw) / 2.0
+        curved = 1e-2 < half < 3.0
+        longer = half**3 / (3.0 * (math.sin(half) - half * math.cos(half))) if curved else 1.0
         return math.copysign(math.hypot(ahead, right) * longer, ahead)
 
     @property
