@@ -18,6 +18,7 @@ from usarsim_conformance.clock import SimulatedClock
 from usarsim_conformance.places import Place, Places
 from usarsim_conformance.registry import (
     Check,
+    Crowded,
     Failed,
     Severity,
     Verdict,
@@ -133,6 +134,45 @@ class TestNewCheck:
         judged(*names)
         assert seen["control.kit.n3"] == 1
         assert max(seen.values()) > 1
+
+    @pytest.mark.parametrize(
+        ("room", "verdicts"),
+        [(4, (1, Verdict.PASS)), (1, (2, Verdict.PASS)), (0, (2, Verdict.INCONCLUSIVE))],
+    )
+    @pytest.mark.parametrize("shared", [False, True])
+    def test_crowded_checks_run_again_alone(
+        self, judged: Judge, room: int, verdicts: tuple[int, Verdict], shared: bool
+    ) -> None:
+        """A check that finds no room beside others is judged once more without them, and what
+        it shares with others is made anew."""
+        busy, tries = set[str](), Counter[str]()
+
+        def make(name: str) -> Callable[[Case], Awaitable[None]]:
+            async def find_room(case: Case) -> None:
+                if len(busy) > room:
+                    raise Crowded("no room")
+
+            async def work(case: Case) -> None:
+                """Works."""
+                busy.add(name)
+                tries[name] += 1
+                await asyncio.sleep(0.1)
+                try:
+                    await (case.shared(name, find_room) if shared else find_room(case))
+                    await asyncio.sleep(0.1)
+                finally:
+                    busy.discard(name)
+
+            return check(name, "x", source="x", dialects=registry.ONCE)(work)
+
+        names = [f"control.kit.n{number}" for number in range(3)]
+        for name in names:
+            make(name)
+        told: list[Progress] = []
+        report = judged(*names, tell=told.append)
+        assert (max(tries.values()), report.results[0].verdict) == verdicts
+        assert {result.verdict for result in report.results} == {verdicts[1]}
+        assert [progress.done for progress in told] == [1, 2, 3]
 
     def test_services_without_a_port(self, judged: Judge) -> None:
         """Checks of a service that nobody named do not apply."""
@@ -293,7 +333,7 @@ def test_what_all_have_given_up_is_not_made_any_more() -> None:
     that its robots leave, and who asks later gets a new one."""
 
     async def ask() -> None:
-        run = cast(Run, SimpleNamespace(shared={}, askers=Counter(), slots=None))
+        run = cast(Run, SimpleNamespace(shared={}, askers=Counter(), slots=None, is_beside=True))
         begun, ended = [], []
 
         async def make(case: Case) -> str:

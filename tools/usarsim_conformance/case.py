@@ -14,7 +14,7 @@ from usarsim_conformance.clock import SimulatedClock
 from usarsim_conformance.control import REPLY, ControlClient, Pose, Robot
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place, Places
-from usarsim_conformance.registry import Failed, Inconclusive, NotApplicable
+from usarsim_conformance.registry import Crowded, Failed, Inconclusive, NotApplicable
 from usarsim_conformance.survey import Survey, Target
 from usarsim_conformance.wire import Transcript, Wire
 
@@ -48,6 +48,7 @@ class Run:
     clock: SimulatedClock  # simulated time
     places: Places  # where robots can be put
     slots: asyncio.Semaphore | None = None  # how many checks may be at work; None for any number
+    is_beside: bool = False  # whether other checks are at work meanwhile
     numbers: itertools.count[int] = field(default_factory=lambda: itertools.count(1))
     lanes: itertools.count[int] = field(default_factory=itertools.count)  # places far away
     tag: str = field(default_factory=lambda: secrets.token_hex(3))
@@ -336,7 +337,7 @@ class Case:
             maker = Case(self.run, dialect or self.survey.native, is_shared=True)
             task = asyncio.create_task(_make(maker, make))
             self.run.shared[asked] = task
-        if not task.done():
+        if not task.done() and self.run.is_beside:
             self.leave_slot()
         self.run.askers[asked] += 1
         try:
@@ -350,6 +351,9 @@ class Case:
         self._borrowed.append(transcript)
         if isinstance(error, NotApplicable):
             raise NotApplicable(str(error))
+        if isinstance(error, Crowded):
+            self.run.shared.pop(asked, None)  # it is made anew when there is room
+            raise Crowded(str(error))
         if error is not None:
             raise Inconclusive(f"{key} could not be had: {error}")
         return made  # type: ignore[no-any-return]

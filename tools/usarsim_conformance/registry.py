@@ -54,6 +54,11 @@ class Inconclusive(Exception):  # noqa: N818
     """The rule could not be judged; the text says what stood in the way."""
 
 
+class Crowded(Inconclusive):
+    """The rule could not be judged beside other checks, whose robots had all there is of
+    something; it is judged again when they are gone."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
     """The verdict of one check in one dialect."""

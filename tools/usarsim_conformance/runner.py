@@ -13,7 +13,15 @@ from datetime import UTC, datetime
 from usarsim_conformance.case import Case, Run
 from usarsim_conformance.clock import HANGS, SimulatedClock, Stalled
 from usarsim_conformance.places import LEAVES, Places
-from usarsim_conformance.registry import Check, Failed, Inconclusive, NotApplicable, Result, Verdict
+from usarsim_conformance.registry import (
+    Check,
+    Crowded,
+    Failed,
+    Inconclusive,
+    NotApplicable,
+    Result,
+    Verdict,
+)
 from usarsim_conformance.report import Report, Rule
 from usarsim_conformance.survey import Survey, Target, survey
 from usarsim_conformance.wire import Transcript
@@ -77,7 +85,12 @@ async def judge_all(
 
         async def work(check: Check, dialect: str, slots: asyncio.Semaphore) -> None:
             await slots.acquire()
-            result = await judge(replace(run, slots=slots), check, dialect, gives_up)
+            mine = replace(run, slots=slots, is_beside=slots is many)
+            try:
+                result = await judge(mine, check, dialect, gives_up)
+            except Crowded:
+                alone.append((check, dialect))
+                return
             results[check.id, dialect] = result
             tell(Progress(len(results), len(jobs), check, result))
 
@@ -85,8 +98,8 @@ async def judge_all(
         alone = [job for job in jobs if job[0].exclusive]
         # A check may take two places: with one more than there are checks, none waits for ever.
         workers = max(1, min(parallel, len(places) - 1))
-        for group, count in ((together, workers), (alone, 1)):
-            slots = asyncio.Semaphore(count)
+        many, one = asyncio.Semaphore(workers), asyncio.Semaphore(1)
+        for group, slots in ((together, many), (alone, one)):
             async with asyncio.TaskGroup() as tasks:
                 for check, dialect in group:
                     tasks.create_task(work(check, dialect, slots))
@@ -108,7 +121,11 @@ async def judge_all(
 
 
 async def judge(run: Run, check: Check, dialect: str, gives_up: float = _GIVES_UP) -> Result:
-    """Run one check; whatever goes wrong in it becomes a result."""
+    """Run one check; whatever goes wrong in it becomes a result.
+
+    Raises:
+        Crowded: if others are at work and have all there is of something.
+    """
     begun = time.monotonic()
     case = Case(run, dialect or run.survey.native)
     verdict, reason = Verdict.PASS, ""
@@ -121,6 +138,8 @@ async def judge(run: Run, check: Check, dialect: str, gives_up: float = _GIVES_U
         except NotApplicable as error:
             verdict, reason = Verdict.NOT_APPLICABLE, str(error)
         except Inconclusive as error:
+            if run.is_beside and isinstance(error, Crowded):
+                raise
             verdict, reason = Verdict.INCONCLUSIVE, str(error)
         except Failed as error:
             verdict, reason = Verdict.FAIL, str(error)
@@ -132,7 +151,7 @@ async def judge(run: Run, check: Check, dialect: str, gives_up: float = _GIVES_U
             reason = "the check broke: " + traceback.format_exc(limit=-2).strip()
         finally:
             case.release()
-    case.leave_slot()
+            case.leave_slot()
     return Result(
         check=check.id,
         dialect=dialect,

@@ -16,7 +16,7 @@ from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import LEAVES, Place
-from usarsim_conformance.registry import Failed, Inconclusive, NotApplicable
+from usarsim_conformance.registry import Crowded, Failed, Inconclusive, NotApplicable
 from usarsim_conformance.wire import Hangup, Wire
 
 FRAME_WITHIN = 60.0
@@ -52,8 +52,8 @@ class WrongLength(Failed):
     """The length in a header is not that of what follows it."""
 
 
-_TILES_TAKEN = 30.0
-"""s of simulated time for which robots of other checks may have all tiles."""
+_TILES_TAKEN = 10.0
+"""s of simulated time for which a check waits while robots of others have all tiles."""
 _MARKED = (9, 7)
 """Pixels of a picture that no check asks for: its answer marks a place in the stream of answers."""
 _MARK = rectangle(0, 0, *_MARKED)
@@ -333,7 +333,7 @@ async def camera_robot(case: Case, class_name: str = "", place: Place | None = N
 
     Raises:
         NotApplicable: if robots have no cameras, or CONF names no tiles.
-        Inconclusive: if no tile becomes free.
+        Crowded: if no tile becomes free.
     """
     # Tiles are told in this dialect only; a legacy server passes the segment over.
     segment = case.survey.dialects.get("udk", "")
@@ -357,6 +357,6 @@ async def camera_robot(case: Case, class_name: str = "", place: Place | None = N
             return CameraRobot(robot, tiles, conf)
         # That is the tile of the robot that tells the time, which has a camera as well.
         if case.clock.now > latest:
-            raise Inconclusive("the robot has no tile of its own: they may have run out")
+            raise Crowded("the robot has no tile of its own: they may have run out")
         robot.close()
         await case.clock.sleep(LEAVES)

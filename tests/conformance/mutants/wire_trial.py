@@ -12,7 +12,7 @@ from mutants.wire_faults import WireFault
 from usarsim_conformance.case import Run
 from usarsim_conformance.clock import SimulatedClock
 from usarsim_conformance.places import Places
-from usarsim_conformance.registry import Result, all_checks
+from usarsim_conformance.registry import Crowded, Result, all_checks
 from usarsim_conformance.runner import ROBOTS, judge
 from usarsim_conformance.survey import Target, survey
 from usarsim_conformance.wire import Transcript
@@ -46,7 +46,7 @@ async def try_wire_faults(
         # A check may take two places; with one more than there are checks none waits for ever.
         slots = asyncio.Semaphore(max(1, min(ROBOTS, len(found.places)) - 1))
 
-        async def attempt(fault: WireFault) -> None:
+        async def attempt(fault: WireFault, is_beside: bool = False) -> None:
             async with proxied(fault.kind, ports, fault.services) as faulty:
                 run = replace(
                     shared,
@@ -54,6 +54,7 @@ async def try_wire_faults(
                     survey=replace(found, robot=fault.robot),
                     shared={},
                     askers=Counter(),
+                    is_beside=is_beside,
                 )
                 check = checks[fault.check]
                 dialect = fault.dialect if check.dialects else ""
@@ -61,10 +62,14 @@ async def try_wire_faults(
 
         async def attempt_beside(fault: WireFault) -> None:
             async with slots:
-                await attempt(fault)
+                try:
+                    await attempt(fault, is_beside=True)
+                except Crowded:
+                    alone.append(fault)
 
-        alone = [fault for fault in faults if checks[fault.check].exclusive]
-        await asyncio.gather(*(attempt_beside(one) for one in faults if one not in alone))
+        exclusive = [fault for fault in faults if checks[fault.check].exclusive]
+        alone = [*exclusive]
+        await asyncio.gather(*(attempt_beside(one) for one in faults if one not in exclusive))
         for fault in alone:
             await attempt(fault)
     finally:
