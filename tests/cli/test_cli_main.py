@@ -89,20 +89,51 @@ def test_every_subcommand_explains_itself(name: str, capsys) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [[], ["fly"], ["serve", "--fast"], ["serve", "--por", "1"], ["worlds", "a", "b"]]
+    ("line", "told"),
+    [
+        ("serv", "usarsim: unknown command 'serv' (did you mean serve?)"),
+        ("xyzzy", "usarsim: unknown command 'xyzzy' (known are "),
+        ("--wrld", "usarsim: the following arguments are required: COMMAND (see usarsim --help)"),
+        ("help serv", "usarsim: unknown command 'serv' (did you mean serve?)"),
+        ("serve --fast", "usarsim serve: unknown option --fast (see usarsim serve --help)"),
+        ("serve --por 1", "usarsim serve: unknown option --por (did you mean --port?)"),
+        ("serve --wrld=a", "usarsim serve: unknown option --wrld (did you mean --world?)"),
+        ("serve --port", "usarsim serve: argument --port: expected one argument (see "),
+        ("worlds a b", "usarsim worlds: too many words: b (see usarsim worlds --help)"),
+        ("mission rum", "usarsim mission: unknown command 'rum' (did you mean run?)"),
+        ("mission list --sed 1", "usarsim mission list: unknown option --sed"),
+        ("mission league a --mission mission -x", "usarsim mission league: unknown option"),
+    ],
 )
-def test_wrong_usage_is_exit_code_2(arguments: list[str], capsys) -> None:
-    """No command, an unknown or abbreviated option, too many words: usage and exit code 2."""
+def test_a_wrong_line_is_one_line_with_a_cure(line: str, told: str, capsys) -> None:
+    """An unknown command or option, at any depth: the nearest one is named; exit code 2."""
     with pytest.raises(SystemExit) as caught:
-        main(arguments)
+        main(line.split())
     assert caught.value.code == 2
-    assert "error: " in capsys.readouterr().err
+    out, err = capsys.readouterr()
+    assert not out
+    assert err.startswith(f"error: {told}"), err
+    assert err.count("\n") == 1
 
 
-def test_version_is_that_of_the_package(capsys) -> None:
+@pytest.mark.parametrize("line", ["", "help", "--help"])
+def test_the_overview_names_every_command_once(line: str, capsys) -> None:
+    """`usarsim` alone says what to type first, and shows all commands in groups."""
+    with pytest.raises(SystemExit) as caught:
+        main(line.split())
+    assert caught.value.code == 0
+    first, _, listed = capsys.readouterr().out.partition("\nTry and look\n")
+    assert "usarsim serve" in first
+    names = [row.split()[0] for row in listed.splitlines() if row.startswith("  ")]
+    assert sorted(name for name in names if not name.startswith("-")) == sorted(commands())
+    assert "More" not in listed
+
+
+@pytest.mark.parametrize("option", ["--version", "-V"])
+def test_version_is_that_of_the_package(option: str, capsys) -> None:
     """`usarsim --version` prints one line with the version."""
     with pytest.raises(SystemExit):
-        main(["--version"])
+        main([option])
     assert capsys.readouterr().out == f"usarsim-server {usarsim_server.__version__}\n"
 
 

@@ -9,14 +9,16 @@ import signal
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from mutants.fault_proxy import proxied
 from mutants.wire_faults import all_wire_faults
 
-from usarsim_conformance.own_server import judged_server
+from usarsim_conformance.own_server import as_table, judged_server
 from usarsim_conformance.registry import Verdict, all_checks, select
+from usarsim_conformance.report import from_json
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.side_lines import split_reply
 from usarsim_conformance.survey import Target
@@ -156,16 +158,29 @@ def test_our_own_server_with_several_classes(
 ) -> None:
     """Each class is judged and reported; what a class lacks does not apply to it."""
     only = "control.init.spawns,control.motion.forward"
-    options = ("--speed", "max", "--robot", "P2AT,KR6,NoSuchRobot", "--report", str(tmp_path))
-    assert main(["conformance", "--self", "--only", only, *options]) == 1
+    options = ("--speed", "max", "--robot", "P2AT,KR6", "--report", str(tmp_path))
+    assert main(["conformance", "--self", "--only", only, *options]) == 0
     told = capsys.readouterr().out
     table = {line.split()[0]: line.split()[1:] for line in told.splitlines() if line[:1].isalpha()}
     assert table["P2AT"] == ["4"]
     assert table["KR6"] == ["2", "2"]
-    assert table["NoSuchRobot"][-3:] == ["does", "NOT", "conform"]
-    assert "FAIL  control.init.spawns [ut2004]  no STA" in told
-    assert told.endswith("conforms with 2 of 3 classes; not with NoSuchRobot\n")
-    assert (tmp_path / "KR6" / "report.json").exists()
+    assert told.endswith("conforms with 2 of 2 classes\n")
+    broken = from_json((tmp_path / "KR6" / "report.json").read_text())
+    failed = replace(broken.results[0], verdict=Verdict.FAIL, reason="no STA\nat all")
+    broken = replace(broken, results=(failed, *broken.results[1:]))
+    lines = as_table({"P2AT": broken, "KR6": broken}).splitlines()
+    assert lines[1].endswith("does NOT conform")
+    assert lines[2].split() == ["FAIL", failed.check, f"[{failed.dialect}]", "no", "STA"]
+    assert lines[-1] == "conforms with 0 of 2 classes; not with P2AT, KR6"
+
+
+def test_a_class_that_we_do_not_have(capsys: pytest.CaptureFixture[str]) -> None:
+    """One line says so before anything is judged; case and package do not matter."""
+    for named, told in (("P3ATT", "did you mean 'P3AT'?"), ("usarbot.p2at,xyz", "known are: ")):
+        assert main(["conformance", "--self", "--robot", named]) == 2
+        error = capsys.readouterr().err
+        assert error.startswith(f"error: --robot: there is no robot class '{named.split(',')[-1]}'")
+        assert told in error
 
 
 QUICK = (

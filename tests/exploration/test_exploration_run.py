@@ -290,3 +290,10 @@ def test_most_strategies_need_no_extra(tmp_path: Path) -> None:
     assert "2 robots, frontier, seed 1: base knows after" in done.stdout
     assert 'scipy is not installed (pip install "usarsim-server[exploration]")' in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_without_an_environment(capsys: pytest.CaptureFixture[str]) -> None:
+    """A run of nothing names the option that is missing, not a key of a file."""
+    assert cli.main(["explore", "run", "--strategy", "frontier"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: there is nothing to explore (add --world NAME")

@@ -30,6 +30,7 @@ from usarsim_server import __version__
 from usarsim_server.base.addresses import bare_host
 from usarsim_server.base.errors import UsarsimError, at
 from usarsim_server.base.files import write_text
+from usarsim_server.base.tables import suggest
 from usarsim_server.base.toml import read_text
 from usarsim_server.cli.common import Subparsers, add_command
 
@@ -128,7 +129,7 @@ def run(arguments: argparse.Namespace) -> int:
         dialect=None if arguments.dialect == "auto" else arguments.dialect,
         staged=arguments.own and arguments.robot is None,
     )
-    if arguments.own and len(classes := _classes(target.robot or "")) > 1:
+    if arguments.own and arguments.robot and len(classes := _classes(arguments.robot)) > 1:
         return _judge_classes(classes, target, checks, arguments, teller)
     with _ports(arguments) as ports:
         report = _judge(replace(target, ports=ports), checks, arguments, teller)
@@ -140,10 +141,22 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _classes(text: str) -> list[str]:
-    """Names between commas; every class of the server for `all`."""
+    """Names between commas; every class of our own server for `all`.
+
+    Raises:
+        UsarsimError: it has no class of such a name.
+    """
+    known = robot_classes()
     if text.lower() == "all":
-        return robot_classes()
-    return [name.strip() for name in text.split(",") if name.strip()]
+        return known
+    classes = [name.strip() for name in text.split(",") if name.strip()]
+    plain = {name.lower() for name in known}
+    for name in classes:
+        if name.lower().removeprefix("usarbot.") not in plain:
+            raise UsarsimError(
+                f"--robot: there is no robot class {name!r} ({suggest(name, known)})"
+            )
+    return classes
 
 
 def _judge_classes(

@@ -9,7 +9,6 @@ names the extra that brings its libraries, as in `film = "usarsim_operator.film.
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import importlib.util
 import pkgutil
@@ -22,6 +21,7 @@ from usarsim_server import __version__
 from usarsim_server.base import streams
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.base.extras import missing
+from usarsim_server.cli.parser import CommandParser, ProgramParser
 
 __all__ = ["GROUP", "build_parser", "main"]
 
@@ -53,20 +53,24 @@ def _commands() -> Iterator[tuple[str, str, str]]:
             yield title["name"], title["help"], module
 
 
-def build_parser(called: Iterable[str] | None = None) -> argparse.ArgumentParser:
+def build_parser(called: Iterable[str] | None = None) -> ProgramParser:
     """The parser of the command line; the documentation is made from it too.
 
     Args:
         called: the subcommands whose options are wanted; the others are named only. None stands
             for all.
     """
-    parser = argparse.ArgumentParser(
+    parser = ProgramParser(
         prog="usarsim",
         description="Legacy USARSim robot controllers drive robots in a MuJoCo world.",
         allow_abbrev=False,
     )
-    parser.add_argument("--version", action="version", version=f"usarsim-server {__version__}")
-    subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    parser.add_argument(
+        "-V", "--version", action="version", version=f"usarsim-server {__version__}"
+    )
+    subparsers = parser.add_subparsers(
+        title="commands", metavar="COMMAND", required=True, parser_class=CommandParser
+    )
     wanted = None if called is None else set(called)
     for name, help, module in sorted(_commands()):
         if wanted is None or name in wanted:
@@ -92,10 +96,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(argv: Sequence[str] | None) -> int:
-    words = sys.argv[1:] if argv is None else argv
+    words = list(sys.argv[1:] if argv is None else argv)
+    if words[:1] == ["help"]:
+        words = [*words[1:], "--help"]
+    words = words or ["--help"]
     called = [word for word in words if not word.startswith("-")][:1]
     try:
-        arguments = build_parser(called).parse_args(argv)
+        parser = build_parser(called)
+        arguments, rest = parser.parse_known_args(words)
+        if rest:
+            parser.complain(words, rest)
         code: int = arguments.run(arguments)
     except ModuleNotFoundError as error:
         library = str(error.name).partition(".")[0]

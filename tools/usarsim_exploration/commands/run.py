@@ -100,7 +100,13 @@ def run(arguments: argparse.Namespace) -> int:
 
     taken = Watch()
     options = options_of(arguments)
-    scenario = load(arguments.scenario, options) if arguments.scenario else read(merge({}, options))
+    if arguments.scenario:
+        scenario = load(arguments.scenario, options)
+    elif any(option.startswith("environment") for option in options):
+        scenario = read(merge({}, options))
+    else:
+        cure = "--world NAME, as `usarsim explore list` names them, or a scenario file"
+        raise UsarsimError(f"there is nothing to explore (add {cure})")
     for note in scenario.world.notes:
         print(note, file=sys.stderr)
     if arguments.show and arguments.out is None and not can_serve():
