@@ -98,7 +98,7 @@ def test_who_is_told_that_only_this_machine_connects(
     host: str, alone: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Loopback is the same by IPv6; the advice names the address that is listened at."""
-    caplog.set_level(logging.WARNING)
+    caplog.set_level(logging.INFO)
     logging.getLogger("usarsim").propagate = True
     _advise([Endpoint("control", host, 3000)])
     told = [one.getMessage() for one in caplog.records]

@@ -269,6 +269,9 @@ class Articulation:
     def drive(self, request: Drive) -> None:
         """The single joint form of DRIVE (protocol reference 3.4.6)."""
         link = self._joints.get((request.name or "").lower())
+        if link is None and request.name and _log.is_heard:
+            hint = near(request.name, self._joints)
+            _log.debug(f"there is no such joint{hint}", name=request.name)
         if link is None or request.value is None or request.steer:
             return
         order = joint_order(link, request.order, request.value, self._state(request.order))
@@ -278,7 +281,7 @@ class Articulation:
     def _move(self, name: str, groups: Sequence[LinkTarget], first: int) -> None:
         wanted = name.lower()
         names = [one.name for one in self.actuators] + [one.name for one in self.effectors]
-        if wanted not in map(str.lower, names):
+        if _log.is_heard and wanted not in map(str.lower, names):
             known = ", ".join(sorted(names)) or "none"
             _log.debug(f"there is no such actuator{near(name, names)}", name=name, known=known)
         for actuator in self.actuators:

@@ -42,22 +42,27 @@ class _Ears(threading.local):
     """Who listens to what this thread says."""
 
     heard: list[str] | None = None
+    unwritten: bool = False  # only lines that are not written
 
 
 _ears = _Ears()
 
 
 @contextlib.contextmanager
-def overheard() -> Iterator[list[str]]:
+def overheard(*, unwritten: bool = False) -> Iterator[list[str]]:
     """All that this thread says inside, whatever the level: message and facts, in plain words.
 
     So a client can be told why its command did nothing, in the words of those who know.
+
+    Args:
+        unwritten: only what is below the level of the log.
     """
-    before, _ears.heard = _ears.heard, []
+    before = _ears.heard, _ears.unwritten
+    _ears.heard, _ears.unwritten = [], unwritten
     try:
         yield _ears.heard
     finally:
-        _ears.heard = before
+        _ears.heard, _ears.unwritten = before
 
 
 _FACTS = "usarsim_facts"
@@ -86,6 +91,11 @@ class Log:
         """The same area with further facts on every line, for example `connection` or `robot`."""
         return Log(self._area, **{**self._facts, **facts})
 
+    @property
+    def is_heard(self) -> bool:
+        """Whether a `debug` line is written or overheard: if not, none need be made at a cost."""
+        return _ears.heard is not None or self._logger.isEnabledFor(logging.DEBUG)
+
     def debug(self, message: str, **facts: object) -> None:
         """Say what only a developer wants to know."""
         self._write(logging.DEBUG, message, facts)
@@ -113,9 +123,11 @@ class Log:
         facts: dict[str, object],
         error: BaseException | None = None,
     ) -> None:
-        if _ears.heard is not None and len(_ears.heard) < _MOST_HEARD:
-            _ears.heard.append(_told(message, facts))
-        if not self._logger.isEnabledFor(level):
+        written = self._logger.isEnabledFor(level)
+        heard = None if written and _ears.unwritten else _ears.heard
+        if heard is not None and len(heard) < _MOST_HEARD:
+            heard.append(_told(message, facts))
+        if not written:
             return
         extra = {_FACTS: {**self._facts, **facts}}
         self._logger.log(level, "%s", message, extra=extra, exc_info=error)

@@ -285,6 +285,8 @@ class _Connection:
                 break
             if not await self._pay(session, work, input_cost(lines, len(commands))):
                 break
+        if framer.pending:
+            self._log.warning("the connection ended within a line, which is not carried out")
         self._end("client closed the connection")
 
     async def _pay(self, session: Session, work: float, cost: float) -> bool:

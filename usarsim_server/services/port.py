@@ -297,7 +297,7 @@ async def _stop(started: Sequence[Service]) -> None:
 
 def _advise(endpoints: Sequence[Endpoint]) -> None:
     if all(endpoint.loopback for endpoint in endpoints):
-        _log.warning(
+        _log.info(
             f"only programs on this machine can connect, at {endpoints[0].host}; who wants others "
             "in says --host 0.0.0.0 (there are no passwords: in a trusted network only)"
         )

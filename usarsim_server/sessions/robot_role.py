@@ -21,12 +21,13 @@ from usarsim_server.protocol.requests import (
     Drive,
     GetConf,
     GetGeo,
+    Ignored,
     MisPkg,
     MultiDrive,
     Request,
     Set,
 )
-from usarsim_server.protocol.values import Dialect
+from usarsim_server.protocol.values import Dialect, near
 from usarsim_server.robots.families.base import StatusFacts
 from usarsim_server.robots.mounting import SetReply, SetResult
 from usarsim_server.sensors.report import Readings, conf_line, find_sensors, geo_line
@@ -142,9 +143,11 @@ class RobotRole(Role):
                 lines = self._obey_set(request) + self._limbs.set(request, self._dialect)
                 return lines + self._cameras.set(request, self._dialect)
             case GetConf():
-                return self._answer(self._configuration(request))
+                return self._answer(self._configuration(request), request)
             case GetGeo():
-                return self._answer(self._geometry(request))
+                return self._answer(self._geometry(request), request)
+            case Ignored():
+                pass  # how it was read says so already
             case _:
                 self._log.debug("request has no effect", request=type(request).__name__)
         return []
@@ -202,15 +205,25 @@ class RobotRole(Role):
             if reply.result is SetResult.SCAN:
                 fans, finish = Readings([sensor]).begin(state, self._dialect)
                 lines += finish(self.body.cast(fans, state.snapshot) if fans else ())
-            if reply.result is not SetResult.UNKNOWN and sends_results(self._dialect):
+            if reply.result is SetResult.UNKNOWN:
+                self._log.debug("there is no such opcode", opcode=opcode, type=request.type)
+            elif sends_results(self._dialect):
                 ok = reply.result is not SetResult.FAILED
                 lines.append(
                     messages.result(state.time, sensor.wire_type, sensor.name, ok, reply.segments)
                 )
         return lines
 
-    def _answer(self, line: str | None) -> list[str]:
-        return [line] if line else []
+    def _answer(self, line: str | None, request: GetConf | GetGeo) -> list[str]:
+        if line:
+            return [line]
+        if self._log.is_heard:
+            kind, named = request.type.lower(), request.name or ""
+            mine = [one.name for one in self._sensors if one.wire_type.lower() == kind]
+            kinds = dict.fromkeys(sensor.wire_type for sensor in self._sensors)
+            hint = near(named, mine) if mine else near(request.type, kinds)
+            self._log.debug(f"nothing answers{hint}", type=request.type, name=request.name)
+        return []
 
     def _configuration(self, request: GetConf) -> str | None:
         kind, name, robot = request.type, request.name, self.vehicle.description

@@ -25,6 +25,7 @@ from usarsim_server.protocol.requests import (
     GetClosestPathNode,
     GetPathNodes,
     GetStartPoses,
+    Ignored,
     Init,
     Request,
     Set,
@@ -32,6 +33,7 @@ from usarsim_server.protocol.requests import (
     Unknown,
 )
 from usarsim_server.sessions.cameras import bind_view
+from usarsim_server.sessions.mistakes import Mistakes
 from usarsim_server.sessions.outbox import Outbox
 from usarsim_server.sessions.robot_role import RobotRole
 from usarsim_server.sessions.roles import Roles
@@ -109,6 +111,7 @@ class Session:
         self._ticks = LockstepTicks(roles.options.tick)
         self.work = 0.0
         self.tap: Tap | None = None
+        self._mistakes = Mistakes(peer, lambda: roles.robots.time)
         self._on_backlog_low = on_backlog_low
         self._roles = roles
         self._options = roles.options
@@ -299,7 +302,8 @@ class Session:
                 started = time.thread_time()
             executed += 1
             self._taken += command.weight
-            role, self._planning, tap = self._role, slow, self.tap
+            role, self._planning = self._role, slow
+            tap = self.tap or self._mistakes.tap(command)
             replies: list[str] = []
             try:
                 request = interpret(command) if tap is None else tap.read(command, role)
@@ -464,9 +468,7 @@ class Session:
         return []
 
     def _ignore(self, request: Request) -> list[str]:
-        if isinstance(request, Unknown):
-            self._log.info("unknown command ignored", command=request.word)
-        else:
+        if not isinstance(request, Unknown | Ignored):  # how these were read says so already
             self._log.debug("ignored: no robot yet", request=type(request).__name__)
         return []
 

@@ -26,7 +26,7 @@ MOST_SHOWN = 400
 """Characters of a line of the server that are shown; a scan may have thousands."""
 _COMPLAINT = re.compile(
     r"ignored|ignores|refused|failed|unknown|no addressee|no effect|no such|there is no|blocked"
-    r"|clamped|nobody|without",
+    r"|clamped|nobody|nothing|without",
     re.IGNORECASE,
 )
 """What the server says of a command that did not do what was wanted; all else tells what it did."""
@@ -77,7 +77,12 @@ class Tap:
     """
 
     def __init__(
-        self, peer: str, publish: Callable[[Row], None] | None, streams: bool, now: Clock
+        self,
+        peer: str,
+        publish: Callable[[Row], None] | None,
+        streams: bool,
+        now: Clock,
+        unwritten: bool = False,
     ) -> None:
         """Listen.
 
@@ -86,6 +91,7 @@ class Tap:
             publish: takes the rows, at once; None: nobody wants them.
             streams: whether rows of streamed lines are wanted.
             now: simulated s.
+            unwritten: rows have only those complaints that the log does not have.
         """
         self.peer = peer
         self.publish, self.streams = publish, streams
@@ -93,7 +99,7 @@ class Tap:
         self.suspended = 0
         self.newest: Drive | None = None
         self.normalized: bool | None = None
-        self._now = now
+        self._now, self._unwritten = now, unwritten
         self._open = contextlib.ExitStack()
         self._begun: _Begun | None = None
 
@@ -113,7 +119,12 @@ class Tap:
             self._say(role, command.text, listening, request, effect, (), True)
             self._begun = None
             return Ignored(command.word)
-        self._begun = command.text, listening, request, self._open.enter_context(overheard())
+        self._begun = (
+            command.text,
+            listening,
+            request,
+            self._open.enter_context(overheard(unwritten=self._unwritten)),
+        )
         return request
 
     def obeyed(self, role: Role | None, replies: list[str]) -> None:
