@@ -33,7 +33,8 @@ ROBOTS = 14
 """Robots at a time; with the one that tells the time, and one that is leaving, they fit a small
 server of 16."""
 _GIVES_UP = 600.0
-"""s of wall time after which a check counts as hanging."""
+"""s of wall time, and of simulated time if a robot tells it, after which a check counts as
+hanging."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +70,7 @@ async def judge_all(
         tell: what is told after every check.
         parallel: checks at a time.
         hangs: s of wall time without news of simulated time after which the server hangs.
-        gives_up: s of wall time after which a check hangs.
+        gives_up: s of wall and of simulated time after which a check hangs.
 
     Raises:
         Failed: if its control port cannot be reached at all.
@@ -133,8 +134,12 @@ async def judge(run: Run, check: Check, dialect: str, gives_up: float = _GIVES_U
         verdict, reason = Verdict.NOT_APPLICABLE, f"no port of {check.service} was named"
     else:
         try:
-            async with asyncio.timeout(gives_up):
-                await check.function(case)
+            async with asyncio.timeout(gives_up) as limit:
+                patience = asyncio.create_task(_wait_for_simulated(run.clock, gives_up, limit))
+                try:
+                    await check.function(case)
+                finally:
+                    patience.cancel()
         except NotApplicable as error:
             verdict, reason = Verdict.NOT_APPLICABLE, str(error)
         except Inconclusive as error:
@@ -160,6 +165,19 @@ async def judge(run: Run, check: Check, dialect: str, gives_up: float = _GIVES_U
         seconds=time.monotonic() - begun,
         transcript=() if verdict is Verdict.PASS else case.entries(),
     )
+
+
+async def _wait_for_simulated(
+    clock: SimulatedClock, gives_up: float, limit: asyncio.Timeout
+) -> None:
+    """Put a limit of wall time off for as long as simulated time lags behind: a machine that is
+    busy is no check that hangs. A server whose time stands still is told by the clock."""
+    begun, loop = clock.now, asyncio.get_running_loop()
+    while True:
+        await asyncio.sleep(gives_up / 4.0)
+        left = gives_up - (clock.now - begun)
+        if clock.followed and left > 0.0:
+            limit.reschedule(max(limit.when() or 0.0, loop.time() + left))
 
 
 def _jobs(checks: Sequence[Check], found: Survey) -> list[tuple[Check, str]]:

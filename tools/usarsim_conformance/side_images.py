@@ -338,6 +338,7 @@ async def camera_robot(case: Case, class_name: str = "", place: Place | None = N
     # Tiles are told in this dialect only; a legacy server passes the segment over.
     segment = case.survey.dialects.get("udk", "")
     place, latest = place or await case.place(), case.clock.after(_TILES_TAKEN)
+    holder: Robot | None = None
     while True:
         try:
             robot = await case.spawn(class_name=class_name, place=place, extra=segment)
@@ -354,9 +355,17 @@ async def camera_robot(case: Case, class_name: str = "", place: Place | None = N
         if not tiles:
             raise NotApplicable(f"CONF names no tiles: {conf[:120]}")
         if class_name or not case.clock.followed or (tiles[0].x, tiles[0].y) != (0, 0):
+            if holder is not None:
+                holder.close()
+                await case.clock.sleep(LEAVES)
             return CameraRobot(robot, tiles, conf)
-        # That is the tile of the robot that tells the time, which has a camera as well.
+        # A robot is told this tile if all are taken; most often the robot that tells the time has
+        # it, which has a camera as well.
         if case.clock.now > latest:
             raise Crowded("the robot has no tile of its own: they may have run out")
         robot.close()
         await case.clock.sleep(LEAVES)
+        if holder is None and not case.run.is_beside:
+            # Nobody else wants tiles: this one may be free, since the robot that tells the time
+            # came anew and took another. Somebody has to hold it meanwhile.
+            holder = await case.spawn(extra=segment)
