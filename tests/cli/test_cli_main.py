@@ -171,13 +171,13 @@ def test_interrupted_listing_has_the_code_of_the_shell(monkeypatch) -> None:
 
 
 def test_command_line_runs_as_a_module_and_survives_a_closed_pipe() -> None:
-    """`python -m usarsim_server.cli robots | true` is no error and prints no traceback."""
+    """`python -m usarsim_server robots | true` is no error and prints no traceback."""
     reader, writer = os.pipe()
     os.close(reader)
     found = [str(Path(cli.__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, found))}
     done = subprocess.run(
-        [sys.executable, "-m", "usarsim_server.cli", "robots"],
+        [sys.executable, "-m", "usarsim_server", "robots"],
         stdout=writer,
         stderr=subprocess.PIPE,
         env=environment,

@@ -124,7 +124,7 @@ def examined(
         str(ROOT / "tools"),
         os.environ.get("PYTHONPATH", ""),
     ]
-    module = ["usarsim_doctor.command"] if alone else ["usarsim_server.cli", "doctor"]
+    module = ["usarsim_doctor.command"] if alone else ["usarsim_server", "doctor"]
     command = [sys.executable, "-m", *module, *arguments, "--json", "-"]
     done = subprocess.run(
         [*command, "--world", "empty", "--renderer", "rays"],

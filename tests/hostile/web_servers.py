@@ -75,7 +75,7 @@ class WebServers(CarefulClosing):
                 *("--tokens", str(tokens), "--latch", str(folder / "latch.json")),
                 *("--record", str(folder / "session.rec"), "--viewer-delay", "0"),
             ]
-            self._pages.append(_Page("the console", ("usarsim_server.cli", "console", *words), 3))
+            self._pages.append(_Page("the console", ("usarsim_server", "console", *words), 3))
             self._pages.append(_Page("the desk", (__name__, str(folder)), 1))
         except BaseException:
             self.close()

@@ -229,7 +229,7 @@ def test_pipes_keep_nobody_waiting(place: Path, name: str) -> None:
     (place / "in" / "sidecar.obj").write_text(OBJ)
     if name in HANGS:
         (place / "in" / name).write_text(HANGS[name])
-    command = [sys.executable, "-m", "usarsim_server.cli", "import"]
+    command = [sys.executable, "-m", "usarsim_server", "import"]
     done = subprocess.run(
         [*command, str(place / "in" / name), "--out", str(place / "worlds")],
         env={**os.environ, "XDG_CACHE_HOME": str(place / "cache")},

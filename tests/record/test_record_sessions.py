@@ -215,7 +215,7 @@ def test_the_file_is_lines_of_json(session: Path) -> None:
 def test_the_command_records_until_it_is_interrupted(ports: dict[str, int], tmp_path: Path) -> None:
     """`usarsim record` says where it listens, passes lines on, and ends with Ctrl-C and code 0."""
     file = tmp_path / "session.jsonl"
-    command = [sys.executable, "-m", "usarsim_server.cli", "record", "--listen", "0"]
+    command = [sys.executable, "-m", "usarsim_server", "record", "--listen", "0"]
     process = subprocess.Popen(
         [*command, "--to", f"127.0.0.1:{ports['control']}", str(file)],
         stdout=subprocess.PIPE,

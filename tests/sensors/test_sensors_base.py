@@ -15,8 +15,8 @@ import usarsim_server.sensors as package
 from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.sensors import base as registry
 from usarsim_server.sensors.base import Sensor, SensorContext, create_sensor, register, sensor_types
-from usarsim_server.sensors.pose import Battery
 from usarsim_server.sensors.report import conf_line, sen_lines
+from usarsim_server.sensors.status import Battery
 
 PLUGIN = '''
 """A thermometer, as an outside package would bring it."""

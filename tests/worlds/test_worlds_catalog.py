@@ -198,7 +198,7 @@ def test_pipes_keep_no_server_waiting(folder: Path, name: str) -> None:
     (folder / name).unlink(missing_ok=True)
     os.mkfifo(folder / name)
     ports = [f"--{port}-port=off" for port in ("image", "groundtruth", "wireless", "truth")]
-    command = [sys.executable, "-m", "usarsim_server.cli", "serve"]
+    command = [sys.executable, "-m", "usarsim_server", "serve"]
     done = subprocess.run(
         [*command, "--world", str(folder), "--port", "0", *ports],
         capture_output=True,

@@ -14,7 +14,7 @@ from usarsim_server.simulation.ground import Surface
 from usarsim_server.worlds.description import Smoke, SmokePuff, WorldDescription
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import PAINT, build_scene
-from usarsim_server.worlds.smoke import GROUNDS
+from usarsim_server.worlds.surfaces import GROUNDS
 
 REGIONAL = """
 [[smoke]]

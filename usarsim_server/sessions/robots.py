@@ -32,7 +32,8 @@ from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.simulation import BodyHandle, Simulation
 from usarsim_server.simulation.slots import always
 from usarsim_server.simulation.snapshot import Snapshot
-from usarsim_server.worlds.description import Labels, WorldDescription
+from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.labels import Labels
 from usarsim_server.worlds.smoke import smoke_field
 from usarsim_server.worlds.surroundings import Surroundings
 

@@ -1,7 +1,6 @@
 """What a world is, as plain values. `loader.py` reads them from a world folder.
 
 Poses in world files and here are in the simulation frame: x forward, y left, z up, metres.
-`Labels` keeps who is called what: all robots of a world, or all its people.
 """
 
 from __future__ import annotations
@@ -12,11 +11,8 @@ from dataclasses import dataclass
 from dataclasses import field as plain_field
 from pathlib import Path
 
-from usarsim_server.base.errors import SpawnError
 from usarsim_server.base.fields import field
-from usarsim_server.base.logs import Log
 from usarsim_server.base.tables import Table
-from usarsim_server.protocol.values import clean_name, free_name, name_key, taken
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy, wire_from_pose
 from usarsim_server.simulation.ground import Surface
 from usarsim_server.worlds.machinery.machinery import Machinery, read_heading
@@ -411,44 +407,3 @@ class WorldDescription:
         """The first start pose with this tag, whatever its case; None if there is none."""
         wanted = tag.strip().lower()
         return next((start for start in self.starts if start.tag.lower() == wanted), None)
-
-
-class Labels:
-    """Names that differ whatever the case. The owner holds a lock meanwhile."""
-
-    def __init__(self, area: str) -> None:
-        """Nobody has a name yet; `area` names the lines in the log."""
-        self._log = Log(area)
-        self._taken: set[str] = set()
-
-    def take(self, wish: str | None, otherwise: str, exact: bool = False) -> str:
-        """A name of one's own, until it is given back: the wish, or else `otherwise`.
-
-        It is cleaned and made unique, see `free_name`.
-
-        Args:
-            wish: None, or a text without a name in it, for no wish.
-            otherwise: a name.
-            exact: no other name than the wish will do.
-
-        Raises:
-            SpawnError: if it is too long, or would not be the exact one.
-        """
-        asked = wish is not None and clean_name(wish) != ""
-        try:
-            label = free_name(wish if asked and wish else otherwise, self._taken)
-        except ValueError as error:
-            raise SpawnError(str(error)) from None
-        if exact and asked and label != wish:
-            clean = clean_name(wish or "")
-            if clean.lower() in self._taken:
-                raise SpawnError(taken(clean))
-            raise SpawnError(f"no name has blanks, braces or what cannot be printed: write {clean}")
-        self._taken.add(name_key(label))
-        if asked and label != wish:
-            self._log.warning("a client gets another name than it asked for", asked=wish, got=label)
-        return label
-
-    def give_back(self, label: str) -> None:
-        """Somebody else may have the name now."""
-        self._taken.discard(name_key(label))

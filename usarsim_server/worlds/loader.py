@@ -36,7 +36,8 @@ from usarsim_server.worlds.description import (
 from usarsim_server.worlds.life import check_corners, read_false_alarm, read_sound, traits_of
 from usarsim_server.worlds.machinery.machinery import read_machinery
 from usarsim_server.worlds.polygons import read_polygon
-from usarsim_server.worlds.smoke import read_smoke, read_surface
+from usarsim_server.worlds.smoke import read_smoke
+from usarsim_server.worlds.surfaces import read_surface
 
 SHEET = "world.toml"
 SCENE = "scene.xml"

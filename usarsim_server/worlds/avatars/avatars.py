@@ -16,7 +16,7 @@ from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 from usarsim_server.worlds.avatars.bodies import ADULT, CHEST, HEAD, AvatarClass, avatar_model
 from usarsim_server.worlds.avatars.walk import Performance, Stance, Walk, body_poses
 from usarsim_server.worlds.avatars.ways import ground_below
-from usarsim_server.worlds.description import Labels
+from usarsim_server.worlds.labels import Labels
 from usarsim_server.worlds.surroundings import Passer
 
 RINGS = (0.0, 0.4, 0.8, 1.2, 1.8)
