@@ -26,7 +26,7 @@ from benchmarks.team import TeamTrial, gather, load_figures, try_team
 from usarsim_bench.crowd import DEFAULT_CLASS, Crowd
 from usarsim_bench.figures import Aim, Figure, Section
 from usarsim_bench.watching import watching
-from usarsim_server.app import Assembly
+from usarsim_server.assembly import Assembly
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cameras.encoding import encode_jpeg
 from usarsim_server.cameras.painter import Painter, PainterOptions

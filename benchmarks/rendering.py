@@ -33,7 +33,8 @@ from benchmarks.apart import run_apart
 from benchmarks.measures import p99
 from benchmarks.plan import Plan
 from usarsim_bench.figures import Aim, Figure, Section, in_ms
-from usarsim_server.app import Assembly, assemble
+from usarsim_server.app import assemble
+from usarsim_server.assembly import Assembly
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cameras.backend import NEAR
 from usarsim_server.cameras.encoding import Encoder

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from usarsim_client.link import Address
-from usarsim_exploration.levels.opening import _place
+from usarsim_exploration.opening import _place
 from usarsim_operator.command import _address as console_address
 from usarsim_operator.watch import _address as watch_address
 from usarsim_record.recording import Link

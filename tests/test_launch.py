@@ -34,7 +34,7 @@ command = ["{python}", "-c", "print(1)"]
 """
 USE_PYTHON = {
     "usarsim_server/base/launch.py": "the place itself",
-    "tools/usarsim_doctor/isolation.py": "names the interpreter in advice",
+    "tools/usarsim_doctor/mending.py": "names the interpreter in advice",
     "tools/usarsim_doctor/checks/installation.py": "names the interpreter in a finding",
     "tools/usarsim_batch/sweep/playing.py": "`{python}` of the user's own command lines",
 }

@@ -8,7 +8,6 @@ import sys
 
 import pytest
 
-import usarsim_server.sensors as package
 from usarsim_server.base import plugins
 from usarsim_server.base.errors import RobotDescriptionError
 from usarsim_server.base.plugins import PluginTypes
@@ -38,7 +37,9 @@ assert "Hokuyo" in types.names()
 
 def test_discovery_is_tried_again_after_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """An error of the machine is told once for each question, and is over when it is over."""
-    types: PluginTypes[object] = PluginTypes("sensor", object, (package,), "nobody.at.home")
+    types: PluginTypes[object] = PluginTypes(
+        "sensor", object, ("usarsim_server.sensors",), "nobody.at.home"
+    )
 
     def fail() -> None:
         raise OSError(24, os.strerror(24))

@@ -128,7 +128,7 @@ class TestContracts:
             one["id"]: one["ignore_imports"] for one in CONTRACTS if "ignore_imports" in one
         }
         circles = overlooked.pop("cycles")
-        assert len(circles) <= 50
+        assert len(circles) <= 15
         assert overlooked == {
             "outside": [
                 "usarsim_operator.film.** -> usarsim_server.**",

@@ -10,10 +10,11 @@ import math
 import sys
 import weakref
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.metadata import entry_points
 from pathlib import Path
 
+from usarsim_server.assembly import Assembly
 from usarsim_server.base.errors import UsarsimError, WorldError, at
 from usarsim_server.base.files import data_directory, is_regular
 from usarsim_server.base.logs import Log
@@ -25,13 +26,11 @@ from usarsim_server.cameras.render_loop import RenderLoop, RenderOptions
 from usarsim_server.cameras.spectators import find_viewpoint, named_viewpoints
 from usarsim_server.cameras.view import Grid
 from usarsim_server.ports import services_of
-from usarsim_server.protocol.values import name_key
 from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.scene.supervision import Supervision
-from usarsim_server.services.limits import SpawnGate, address_of
-from usarsim_server.services.port import Service, run_services
+from usarsim_server.services.limits import SpawnGate
+from usarsim_server.services.port import run_services
 from usarsim_server.sessions.dispatcher import Dispatcher
-from usarsim_server.sessions.outbox import Outbox
 from usarsim_server.sessions.robot_role import RobotRoleOptions
 from usarsim_server.sessions.robots import Robots
 from usarsim_server.sessions.roles import RoleOptions, Roles
@@ -65,57 +64,7 @@ _LEAST_BURST = 64
 """Robots that may come at the same moment, even if fewer fit into the world: most of those who try
 again and again do so because it is full."""
 
-STOP_TIMEOUT = 1.0
-"""s that the sessions' threads get to end; the process has three in all."""
-
 _log = Log("server")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Assembly:
-    """A server put together but not yet running."""
-
-    settings: Settings  # what it was made from
-    world: WorldDescription
-    simulation: Simulation  # the physics; its thread is started by `run`, or not at all in tests
-    robots: Robots
-    surroundings: Surroundings  # people, tags and sounds of the world
-    roles: Roles  # makes what INIT asks for
-    render_loop: RenderLoop  # renders what somebody looks at; `run` opens it
-    dispatcher: Dispatcher  # serves the sessions
-    supervision: Supervision  # who looks on what clients say, and who drives in whose place
-    sessions: weakref.WeakSet[Session]  # those of all connections so far that still exist
-    services: tuple[Service, ...] = ()  # what listens
-
-    @property
-    def board(self) -> CameraBoard:
-        """All cameras, and the tiles of the full picture that they fill."""
-        return self.robots.board
-
-    def owners(self) -> dict[str, str]:
-        """The address of the control connection of each robot, by `names.name_key`."""
-        robots = [(session.robot, session.peer) for session in tuple(self.sessions)]
-        return {name_key(name): address_of(peer).strip("[]") for name, peer in robots if name}
-
-    def make_session(
-        self, peer: str, outbox: Outbox, on_backlog_low: Callable[[], None]
-    ) -> Session:
-        """The session of a new control connection."""
-        session = Session(peer, outbox, on_backlog_low, self.roles, self.dispatcher.call)
-        self.sessions.add(session)
-        self.supervision.enter(session)
-        return session
-
-    def stop(self) -> None:
-        """Stop rendering and physics, and wait for the threads that serve the sessions.
-
-        They may be inside native code; a process that ended under them would crash.
-        """
-        self.simulation.stop()  # first: the renderer may be waiting for it
-        self.render_loop.close()
-        for session in tuple(self.sessions):
-            session.close()
-        self.dispatcher.stop(STOP_TIMEOUT)
 
 
 def assemble(settings: Settings) -> Assembly:

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from usarsim_server.assembly import Assembly
 from usarsim_server.base.logs import Log
 from usarsim_server.cameras.encoding import Encoder
 from usarsim_server.protocol import messages
@@ -47,9 +47,6 @@ from usarsim_server.settings import Settings
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.truth.ground_truth import Actors, GroundTruth
-
-if TYPE_CHECKING:  # which makes these
-    from usarsim_server.app import Assembly
 
 GAME_TYPE = "BotDeathMatch"
 """What both generations of the original said in their greeting (protocol reference 1.2)."""

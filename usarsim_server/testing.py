@@ -21,7 +21,8 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Self
 
-from usarsim_server.app import Assembly, assemble
+from usarsim_server.app import assemble
+from usarsim_server.assembly import Assembly
 from usarsim_server.base.launch import OwnServer
 from usarsim_server.options import OPTIONS
 from usarsim_server.protocol.grammar import LineFramer, parse_line

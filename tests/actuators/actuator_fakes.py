@@ -23,7 +23,8 @@ from usarsim_server.robots.description import (
 from usarsim_server.robots.families.static import Platform
 from usarsim_server.simulation.articulation import HandState, JointOrder
 from usarsim_server.simulation.frames import Pose, Vector, pose_from_wire
-from usarsim_server.simulation.snapshot import RobotBody, RobotLayout, Snapshot
+from usarsim_server.simulation.layout import RobotLayout
+from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
 ZERO: Vector = (0.0, 0.0, 0.0)

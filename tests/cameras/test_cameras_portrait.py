@@ -12,8 +12,8 @@ from camera_fakes import cart, scenery
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.spectators import extent, portrait_view
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
+from usarsim_server.simulation.layout import RobotLayout
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
-from usarsim_server.simulation.snapshot import RobotLayout
 
 
 def staged(pose: Pose) -> tuple[Stage, RobotLayout]:

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from usarsim_doctor import registry
+from usarsim_doctor import examination
 from usarsim_doctor.registry import Check, Context, Finding, Mark
 from usarsim_server.cli import main
 
@@ -38,7 +38,7 @@ def marks(monkeypatch: pytest.MonkeyPatch) -> list[Mark]:
         yield Finding("rate", Mark.OK, "fast", values={"rate": 5.0})
 
     checks = (Check("a", "Things", 1, look), Check("b", "Rates", 2, measure))
-    monkeypatch.setattr(registry, "all_checks", lambda: checks)
+    monkeypatch.setattr(examination, "all_checks", lambda: checks)
     return found
 
 

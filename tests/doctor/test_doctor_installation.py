@@ -29,8 +29,8 @@ from usarsim_doctor.checks.installation import (
 )
 from usarsim_doctor.checks.server import judge_server
 from usarsim_doctor.isolation import Outcome
-from usarsim_doctor.isolation import server as try_server
 from usarsim_doctor.registry import Context, Finding, Mark
+from usarsim_doctor.trials import server as try_server
 from usarsim_server.base.files import data_directory
 from usarsim_server.cameras import backend as probe
 from usarsim_server.settings import Settings

@@ -15,22 +15,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_doctor import checks, isolation, registry
-from usarsim_doctor.isolation import Outcome, attempt, try_out
-from usarsim_doctor.registry import (
-    Audience,
-    Check,
-    Checked,
-    Context,
-    Finding,
-    Mark,
-    Printer,
-    all_checks,
-    as_json,
-    check,
-    examine,
-    verdict,
-)
+from usarsim_doctor import checks, examination, registry, trials
+from usarsim_doctor.examination import Audience, Checked, all_checks, examine
+from usarsim_doctor.isolation import Outcome, attempt
+from usarsim_doctor.printing import Printer, as_json, verdict
+from usarsim_doctor.registry import Check, Context, Finding, Mark, check
+from usarsim_doctor.trials import try_out
 from usarsim_server.base.errors import UsarsimError, at, problem_and_advice
 from usarsim_server.settings import Settings
 
@@ -97,7 +87,7 @@ def test_a_new_file_is_a_new_check_and_a_broken_one_a_failing_check(
     )
     (tmp_path / "zz_torn.py").write_text("import no_such_library\n")
     monkeypatch.setattr(checks, "__path__", [*checks.__path__, str(tmp_path)])
-    monkeypatch.setattr(registry, "_CHECKS", dict(registry._CHECKS))
+    monkeypatch.setattr(registry, "CHECKS", dict(registry.CHECKS))
     try:
         found = {one.key: one for one in all_checks()}
         assert list(found)[2:4] == ["disk", "ports"]
@@ -113,7 +103,7 @@ def test_a_new_file_is_a_new_check_and_a_broken_one_a_failing_check(
 def test_two_checks_cannot_have_one_key(monkeypatch: pytest.MonkeyPatch) -> None:
     """The second function that enters itself under a key is refused."""
     all_checks()
-    monkeypatch.setattr(registry, "_CHECKS", dict(registry._CHECKS))
+    monkeypatch.setattr(registry, "CHECKS", dict(registry.CHECKS))
     with pytest.raises(ValueError, match=r"'ports' is already that of .*checks\.machine"):
         check("ports", "Ports", 1)(fine)
 
@@ -125,7 +115,7 @@ def test_a_check_apart_is_run_by_another_process(monkeypatch: pytest.MonkeyPatch
         finding = {"subject": "s", "mark": "problem", "text": "t", "advice": "a"}
         return {names[0]: outcome or Outcome({"findings": [finding]})}
 
-    monkeypatch.setattr(registry, "attempt", attempt)
+    monkeypatch.setattr(examination, "attempt", attempt)
     one = Check("far", "Far away", 1, fails_half_way, apart=True)
     outcome = None
     assert examine([one], HERE)[0].findings == (Finding("s", Mark.PROBLEM, "t", advice="a"),)
@@ -319,7 +309,7 @@ def test_errors_become_outcomes(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(settings: Settings, argument: str) -> dict[str, object]:
         raise error
 
-    monkeypatch.setattr(isolation, "server", fail)
+    monkeypatch.setattr(trials, "server", fail)
     error: Exception = UsarsimError("world: no floor (add one)")
     told = {"failure": "world: no floor", "told": True, "advice": "add one"}
     assert try_out("server:", Settings()) == told

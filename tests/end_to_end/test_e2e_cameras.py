@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from usarsim_client import BlockingConnection, rectangle
-from usarsim_server.app import Assembly
+from usarsim_server.assembly import Assembly
 from usarsim_server.base.launch import LaunchError
 from usarsim_server.testing import (
     PATIENCE,

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from usarsim_client.scene import LiveScene, connect_scene
-from usarsim_server.app import Assembly
+from usarsim_server.assembly import Assembly
 from usarsim_server.base.errors import SettingsError
 from usarsim_server.options import load_settings
 from usarsim_server.services.listener import Endpoint

@@ -23,7 +23,6 @@ from usarsim_exploration.known_map import FREE, SAFE, WALL
 from usarsim_exploration.levels import controller
 from usarsim_exploration.levels.controller import Controller, DeadError
 from usarsim_exploration.levels.driver import Driver
-from usarsim_exploration.levels.opening import open_level
 from usarsim_exploration.levels.route import route
 from usarsim_exploration.levels.rover import Reckoning
 from usarsim_exploration.levels.server import ServerLevel
@@ -32,6 +31,7 @@ from usarsim_exploration.levels.wire import decode, encode
 from usarsim_exploration.localisation.poses import wrap
 from usarsim_exploration.log_files import agents_csv, steps_csv
 from usarsim_exploration.measures import measure
+from usarsim_exploration.opening import open_level
 from usarsim_exploration.post import Message
 from usarsim_exploration.radio import Circle, PathLoss, Sight, SubT
 from usarsim_exploration.running import Run, run

@@ -13,8 +13,8 @@ from usarsim_exploration.known_map import FREE, SAFE, WALL
 from usarsim_exploration.radio import create_radio
 from usarsim_exploration.rendezvous import Meeting, candidates, ranked, sampled, single_point
 from usarsim_exploration.strategies.role_based import TRANSITIONS, RoleBased, State
+from usarsim_exploration.strategies.switching import choose_pair
 from usarsim_exploration.strategy import View, create_strategy
-from usarsim_exploration.switching import choose_pair
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.base.tables import Table
 

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from usarsim_maps.build.cut_outs import CutOuts, Stencil, glass, opacities, stencil_of
+from usarsim_maps.build.cut_outs import CutOuts, Finish, Stencil, glass, opacities, stencil_of
 from usarsim_maps.build.looks import Look
-from usarsim_maps.build.materials import Finish, finish_materials
+from usarsim_maps.build.materials import finish_materials
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Material, Opacity
 

@@ -18,7 +18,7 @@ import aiohttp
 from console_rig import Console
 
 from usarsim_client import connect_scene
-from usarsim_server.app import Assembly
+from usarsim_server.assembly import Assembly
 from usarsim_server.testing import PATIENCE, ScriptedClient, eventually, running_server
 
 COMMAND = [sys.executable, "-m", "usarsim_server", "console", "--no-browser", "--console-port=0"]

@@ -14,7 +14,7 @@ from console_harness import Gateway, PageProgram, gateway
 
 from usarsim_operator.roles import Role
 from usarsim_operator.scenarios import read_fleet
-from usarsim_server.app import Assembly
+from usarsim_server.assembly import Assembly
 from usarsim_server.testing import PATIENCE, running_server
 
 CYCLES = 20

@@ -31,8 +31,9 @@ from usarsim_server.protocol.values import Dialect
 from usarsim_server.sensors.gps import constellation, fix_deviation, sky_directions
 from usarsim_server.sensors.report import conf_line, sen_lines
 from usarsim_server.simulation.frames import quaternion_from_rpy
+from usarsim_server.simulation.layout import RobotLayout
 from usarsim_server.simulation.rays.query import RayHits
-from usarsim_server.simulation.snapshot import RobotBody, RobotLayout, Snapshot
+from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 from usarsim_server.worlds.description import GeographicOrigin
 
 NONE = np.zeros(0, dtype=np.intp)

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from shipped_worlds import NAMES, Built, build, movable_bodies
 
-from usarsim_server.app import Assembly, assemble
+from usarsim_server.app import assemble
+from usarsim_server.assembly import Assembly
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.frames import rpy_from_quaternion
 from usarsim_server.worlds.avatars.ways import distances_to, ground_below, survey

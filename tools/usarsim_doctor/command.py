@@ -52,15 +52,9 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         UsarsimError: if the settings are wrong or the report cannot be written.
     """
-    from usarsim_doctor.registry import (
-        Context,
-        Mark,
-        Printer,
-        all_checks,
-        as_json,
-        counted,
-        examine,
-    )
+    from usarsim_doctor.examination import all_checks, examine
+    from usarsim_doctor.printing import Printer, as_json, counted
+    from usarsim_doctor.registry import Context, Mark
 
     settings = settings_from(arguments)
     logs.configure("error")  # what a log would warn of stands in the report

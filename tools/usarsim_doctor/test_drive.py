@@ -32,8 +32,9 @@ from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sessions.robot_role import RobotRole, RobotRoleOptions
 from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.layout import RobotLayout
 from usarsim_server.simulation.model import PhysicsOptions, compile_world
-from usarsim_server.simulation.snapshot import RobotBody, RobotLayout, Snapshot
+from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 from usarsim_server.testing import Closing, Rehearsal
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.scene import build_scene

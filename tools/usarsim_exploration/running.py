@@ -110,7 +110,7 @@ class Run:
             return GridLevel()
         if self.scenario.basics.backend == "discs":
             return DiscLevel(self.scenario.discs, self.scenario.scale)
-        from usarsim_exploration.levels.opening import open_level  # it needs MuJoCo and sockets
+        from usarsim_exploration.opening import open_level  # it needs MuJoCo and sockets
 
         return open_level(self.scenario, self._connect)
 

@@ -15,7 +15,6 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-import usarsim_exploration.strategies as package
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.known_map import KnownMap
 from usarsim_exploration.planning import Path, Planner
@@ -154,7 +153,9 @@ class Strategy(ABC):
         """Called after each exchange, when `view.teammates` and `view.known` are the new ones."""
 
 
-TYPES: PluginTypes[Strategy] = PluginTypes("strategy", Strategy, (package,), GROUP)
+TYPES: PluginTypes[Strategy] = PluginTypes(
+    "strategy", Strategy, ("usarsim_exploration.strategies",), GROUP
+)
 
 register = TYPES.register
 """Class decorator: make a strategy available under these names."""

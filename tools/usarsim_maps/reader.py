@@ -17,7 +17,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import ClassVar
 
-from usarsim_maps import fbx, gazebo, grids, meshes, unreal, usd
 from usarsim_maps.files import AssetIndex, read_head
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Scene
@@ -135,8 +134,11 @@ class Reader(ABC):
         """
 
 
+FOLDERS = ("fbx", "gazebo", "grids", "meshes", "unreal", "usd")
+"""Packages of this one that hold the built-in readers."""
+
 TYPES: PluginTypes[Reader] = PluginTypes(
-    "map reader", Reader, (fbx, gazebo, grids, meshes, unreal, usd), GROUP
+    "map reader", Reader, (f"usarsim_maps.{name}" for name in FOLDERS), GROUP
 )
 
 register = TYPES.register

@@ -1,4 +1,4 @@
-"""A page's socket behind an impaired link."""
+"""A page's socket, and one behind an impaired link."""
 
 from __future__ import annotations
 
@@ -7,12 +7,25 @@ import struct
 import zlib
 from collections import deque
 from collections.abc import Callable
+from typing import Protocol
 
 from usarsim_operator.impairment import Conditions, Way
-from usarsim_operator.pages import Data, Socket
 
 _SEQUENCE = struct.Struct("<I")
 _STATE = '{"type":"state"'
+
+
+Data = str | bytes
+
+
+class Socket(Protocol):
+    """What a page needs of a WebSocket."""
+
+    async def send_str(self, data: str, compress: int | None = None) -> None:
+        """Send a text, compressed with so many window bits; returns when the next may be sent."""
+
+    async def send_bytes(self, data: bytes, compress: int | None = None) -> None:
+        """Send bytes; returns when the next ones may be sent."""
 
 
 class ImpairedLink:

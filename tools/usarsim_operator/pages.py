@@ -11,15 +11,12 @@ import asyncio
 import json
 from collections import OrderedDict, deque
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Protocol
 
 from usarsim_operator import packets, slimming
+from usarsim_operator.impaired_link import Data, ImpairedLink, Socket
 from usarsim_operator.page_clock import PageClock
 from usarsim_operator.roles import Limits, Role
 from usarsim_operator.uptake import Uptake
-
-if TYPE_CHECKING:
-    from usarsim_operator.impaired_link import ImpairedLink
 
 MOST_TEXTS = 512
 """Events and answers that may wait; a page that lets more wait is shut out."""
@@ -27,18 +24,6 @@ MOST_BYTES = 256 * 1024
 """Bytes of them."""
 _WORTH = 1024  # bytes from which a message is compressed for a slow page
 _STATE = "state", ""
-
-Data = str | bytes
-
-
-class Socket(Protocol):
-    """What a page needs of a WebSocket."""
-
-    async def send_str(self, data: str, compress: int | None = None) -> None:
-        """Send a text, compressed with so many window bits; returns when the next may be sent."""
-
-    async def send_bytes(self, data: bytes, compress: int | None = None) -> None:
-        """Send bytes; returns when the next ones may be sent."""
 
 
 class Page:

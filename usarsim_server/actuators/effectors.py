@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
-import usarsim_server.actuators as package
 from usarsim_server.base.fields import field
 from usarsim_server.base.plugins import PluginTypes
 from usarsim_server.protocol import messages
@@ -121,7 +120,9 @@ class Effector(DeclaredItem, ABC):
 GROUP = "usarsim_server.effectors"
 """Entry point group for effector types of other packages."""
 
-TYPES: PluginTypes[Effector] = PluginTypes("effector", Effector, (package,), GROUP)
+TYPES: PluginTypes[Effector] = PluginTypes(
+    "effector", Effector, ("usarsim_server.actuators",), GROUP
+)
 
 register_effector = TYPES.register
 """Class decorator: make an effector available under these types of a robot file."""

@@ -15,7 +15,6 @@ import pkgutil
 import threading
 from collections.abc import Callable, Iterable
 from importlib.metadata import entry_points
-from types import ModuleType
 from typing import Generic, TypeVar
 
 from usarsim_server.base.errors import RobotDescriptionError, at
@@ -33,13 +32,13 @@ _log = Log("plugins")
 class PluginTypes(Generic[T]):
     """The types of one kind of plug-in; names are compared without case. Thread-safe."""
 
-    def __init__(self, kind: str, base: type, packages: Iterable[ModuleType], group: str) -> None:
+    def __init__(self, kind: str, base: type, packages: Iterable[str], group: str) -> None:
         """Start empty; nothing is imported before the first question.
 
         Args:
             kind: what users call it, for example `sensor`.
             base: class that all of them derive from (abstract as a rule, hence not `type[T]`).
-            packages: hold the built-in ones.
+            packages: names of those that hold the built-in ones.
             group: entry point group of outside packages.
         """
         self._kind = kind
@@ -111,7 +110,8 @@ class PluginTypes(Generic[T]):
             try:
                 _check_descriptors()
                 for package in self._packages:
-                    for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
+                    folders = importlib.import_module(package).__path__
+                    for module in pkgutil.iter_modules(folders, f"{package}."):
                         importlib.import_module(module.name)
                 self._load_entry_points()
             except BaseException as error:
@@ -121,9 +121,7 @@ class PluginTypes(Generic[T]):
                     raise
                 problem = f"the {self._kind} types cannot be looked for: {error.strerror}"
                 cure = "end other programs, or allow more with `ulimit -n`"
-                raise RobotDescriptionError(
-                    at(self._packages[0].__name__, problem, cure)
-                ) from error
+                raise RobotDescriptionError(at(self._packages[0], problem, cure)) from error
 
     def _load_entry_points(self) -> None:
         """One broken outside package must not keep the server from starting: log it and go on."""

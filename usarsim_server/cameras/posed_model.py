@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from usarsim_server.cameras.view import CameraView
 from usarsim_server.simulation.frames import Pose, pose_of, rotation_matrix
+from usarsim_server.simulation.layout import RobotLayout
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.movers import mocap_bodies, pose_as
 from usarsim_server.simulation.raw import copied
-from usarsim_server.simulation.snapshot import RobotLayout, Snapshot
+from usarsim_server.simulation.snapshot import Snapshot
 
 HIDDEN_GROUP = 5
 """Geom group of what is parked. Pictures show groups 0, 1 and 2, as MuJoCo's own viewer does."""

@@ -19,8 +19,8 @@ from usarsim_server.cameras.cutaway import find_cutaway
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.view import View, looking
 from usarsim_server.simulation.frames import Array, Pose, Vector, flip_point, pose_of
+from usarsim_server.simulation.layout import RobotLayout
 from usarsim_server.simulation.model import SHELF_NAME
-from usarsim_server.simulation.snapshot import RobotLayout
 from usarsim_server.worlds.description import WorldDescription
 
 FOV = math.radians(80.0)

@@ -16,7 +16,7 @@ from usarsim_server.cli.common import Subparsers, add_command, table, written
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from usarsim_server.app import Assembly
+    from usarsim_server.assembly import Assembly
     from usarsim_server.cameras.view import View
     from usarsim_server.simulation.snapshot import Snapshot
 

@@ -13,7 +13,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-import usarsim_server.radio as package
 from usarsim_server.base.errors import RobotDescriptionError, SettingsError, at
 from usarsim_server.base.fields import field
 from usarsim_server.base.plugins import PluginTypes
@@ -67,7 +66,9 @@ class Propagation(ABC):
         return strength >= self.cutoff
 
 
-TYPES: PluginTypes[Propagation] = PluginTypes("propagation", Propagation, (package,), GROUP)
+TYPES: PluginTypes[Propagation] = PluginTypes(
+    "propagation", Propagation, ("usarsim_server.radio",), GROUP
+)
 
 register = TYPES.register
 """Class decorator: make a model available under these names."""

@@ -16,7 +16,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-import usarsim_server.sensors as package
 from usarsim_server.base.fields import field
 from usarsim_server.base.plugins import PluginTypes
 from usarsim_server.protocol.numbers import fixed
@@ -199,7 +198,7 @@ class Sensor(DeclaredItem, ABC):
 GROUP = "usarsim_server.sensors"
 """Entry point group for sensor types of other packages."""
 
-TYPES: PluginTypes[Sensor] = PluginTypes("sensor", Sensor, (package,), GROUP)
+TYPES: PluginTypes[Sensor] = PluginTypes("sensor", Sensor, ("usarsim_server.sensors",), GROUP)
 
 register = TYPES.register
 """Class decorator: make a sensor available under these types of a robot file."""

@@ -19,10 +19,10 @@ from usarsim_server.base.errors import UsarsimError
 from usarsim_server.simulation.articulation import HandModel, JointModel, ToolModel, add_ties
 from usarsim_server.simulation.frames import Pose, pose_of
 from usarsim_server.simulation.ground import Surface
+from usarsim_server.simulation.layout import RobotLayout
 from usarsim_server.simulation.mailbox import yield_interpreter
 from usarsim_server.simulation.midphase import improve_trees
 from usarsim_server.simulation.motion_laws import LawModel
-from usarsim_server.simulation.snapshot import RobotLayout
 from usarsim_server.simulation.splice import FixedPart
 
 SHELF_HEIGHT = 2000.0

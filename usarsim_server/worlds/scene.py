@@ -122,7 +122,7 @@ def _furnish(world: WorldDescription, spec: mujoco.MjSpec, compiled: bool) -> No
         for number, surface in enumerate(world.surfaces, start=1):
             if surface.painted:
                 _paint(spec, surface, number)
-        add_machinery(spec, world)
+        add_machinery(spec, world.machinery, world.folder, world.scene.name)
         if compiled or math.isnan(spec.stat.extent) or math.isnan(spec.stat.center[0]):
             model = spec.compile()
             spec.stat.extent = model.stat.extent

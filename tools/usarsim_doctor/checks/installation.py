@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import usarsim_server
-from usarsim_doctor.isolation import Outcome, attempt, pip, root
+from usarsim_doctor.isolation import Outcome, attempt
+from usarsim_doctor.mending import pip, root
 from usarsim_doctor.registry import Context, Finding, Mark, check
 from usarsim_server import __version__
 from usarsim_server.base.errors import UsarsimError, problem_and_advice

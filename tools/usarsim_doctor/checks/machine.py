@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from usarsim_doctor.isolation import pip, root
+from usarsim_doctor.mending import pip, root
 from usarsim_doctor.registry import Context, Finding, Mark, check
 from usarsim_server.base.errors import ServiceError, problem_and_advice
 from usarsim_server.base.processes import PROC, Process, name, port_taker

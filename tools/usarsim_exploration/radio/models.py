@@ -14,7 +14,6 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-import usarsim_exploration.radio.families as package
 from usarsim_exploration.environment import Cell, Environment
 from usarsim_exploration.kernels import crossings
 from usarsim_exploration.messages import FRAME
@@ -186,7 +185,9 @@ def _pairs(count: int) -> tuple[NDArray[np.int64], ...]:
     return np.triu_indices(count, 1)
 
 
-TYPES: PluginTypes[Radio] = PluginTypes("radio model", Radio, (package,), GROUP)
+TYPES: PluginTypes[Radio] = PluginTypes(
+    "radio model", Radio, ("usarsim_exploration.radio.families",), GROUP
+)
 
 register = TYPES.register
 """Class decorator: make a model available under these names."""

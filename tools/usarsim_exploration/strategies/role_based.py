@@ -17,6 +17,7 @@ from usarsim_exploration.environment import Cell
 from usarsim_exploration.errors import scipy
 from usarsim_exploration.exploring import way_to
 from usarsim_exploration.rendezvous import PATIENCE, Meeting, multi_point, single_point
+from usarsim_exploration.strategies.switching import Switching
 from usarsim_exploration.strategy import (
     BASE,
     Formation,
@@ -27,7 +28,6 @@ from usarsim_exploration.strategy import (
     register,
     straight,
 )
-from usarsim_exploration.switching import Switching
 from usarsim_server.base.fields import field
 
 State = Literal[

@@ -10,6 +10,7 @@ import numpy as np
 
 from usarsim_maps.build.cells import Point
 from usarsim_maps.build.clear import SeenThrough, seen_through, with_solids_shown
+from usarsim_maps.build.cut_outs import Finish
 from usarsim_maps.build.emitter import Emitter
 from usarsim_maps.build.extent import (
     LARGEST,
@@ -34,7 +35,7 @@ from usarsim_maps.build.facts import (
 )
 from usarsim_maps.build.level import add_brushes, add_heightfield, materials_of
 from usarsim_maps.build.light import chosen_lights, glows, lamps
-from usarsim_maps.build.materials import Finish, finish_materials
+from usarsim_maps.build.materials import finish_materials
 from usarsim_maps.build.mesh_error import note_error
 from usarsim_maps.build.objects import ObjectBuilder, materials_of_objects
 from usarsim_maps.build.sheet import Entry, NameBook, smoke_tables, write_sheet

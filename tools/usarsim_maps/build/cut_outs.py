@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
@@ -17,10 +16,7 @@ from PIL import Image
 from usarsim_maps.build.looks import Look
 from usarsim_maps.findings import Findings
 from usarsim_maps.geometry import LEAST_AREA, normals_areas
-from usarsim_maps.scene import Array, Integers, Mask, Opacity
-
-if TYPE_CHECKING:
-    from usarsim_maps.build.materials import Finish
+from usarsim_maps.scene import Array, Color, Integers, Mask, Opacity
 
 GRIDS = (64, 32, 16, 8)
 """Cells along the longer side of a picture that are tried in turn."""
@@ -117,6 +113,16 @@ def _boxes(opaque: Mask) -> Array:
         for run in sorted(runs):
             open_runs.setdefault(run, row)
     return np.array(found).reshape(-1, 4)
+
+
+@dataclass(frozen=True, slots=True)
+class Finish:
+    """A material as it goes into the scene."""
+
+    name: str  # unique and safe
+    color: Color  # multiplies the picture
+    picture: str | None  # file name below `textures/`, None without one
+    stencil: Stencil | None = None  # where the surface has holes
 
 
 @dataclass(slots=True)

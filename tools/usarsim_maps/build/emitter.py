@@ -15,8 +15,8 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from usarsim_maps.build.cut_outs import Finish
 from usarsim_maps.build.looks import Look, msh
-from usarsim_maps.build.materials import Finish
 from usarsim_maps.build.pieces import (
     BoxPiece,
     Convex,

@@ -4,31 +4,20 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 from PIL import Image
 
-from usarsim_maps.build.cut_outs import Stencil, glass, opacities, stencil_of
+from usarsim_maps.build.cut_outs import Finish, Stencil, glass, opacities, stencil_of
 from usarsim_maps.build.sheet import NameBook
 from usarsim_maps.files import open_picture
 from usarsim_maps.findings import Findings
-from usarsim_maps.scene import NEUTRAL, Color, Material
+from usarsim_maps.scene import NEUTRAL, Material
 from usarsim_server.base.errors import MapImportError
 from usarsim_server.base.files import is_regular
 
 LARGEST = 2048
 """Pixels along the longer side of a picture."""
-
-
-@dataclass(frozen=True, slots=True)
-class Finish:
-    """A material as it goes into the scene."""
-
-    name: str  # unique and safe
-    color: Color  # multiplies the picture
-    picture: str | None  # file name below `textures/`, None without one
-    stencil: Stencil | None = None  # where the surface has holes
 
 
 def finish_materials(

@@ -17,7 +17,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-import usarsim_server.robots.families as package
 from usarsim_server.base.logs import Log
 from usarsim_server.base.plugins import PluginTypes
 from usarsim_server.base.tables import Table
@@ -240,7 +239,9 @@ def balance_weight(spec: mujoco.MjSpec, robot: RobotDescription) -> None:
 GROUP = "usarsim_server.families"
 """Entry point group for families of other packages."""
 
-TYPES: PluginTypes[Family] = PluginTypes("vehicle", Family, (package,), GROUP)
+TYPES: PluginTypes[Family] = PluginTypes(
+    "vehicle", Family, ("usarsim_server.robots.families",), GROUP
+)
 
 register_family = TYPES.register
 """Class decorator: make a family available under these kinds of a robot file."""

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 import mujoco
 
 from usarsim_server.base import errors
 from usarsim_server.base.errors import WorldError
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy
-from usarsim_server.worlds.description import WorldDescription
-from usarsim_server.worlds.machinery.machinery import Belt, Door, Lift, Obstacle, Spring
+from usarsim_server.worlds.machinery.machinery import Belt, Door, Lift, Machinery, Obstacle, Spring
 
 SUBSTANCES = {
     "wood": (0.72, 0.54, 0.36, 1.0),
@@ -83,31 +83,37 @@ def _leaf(door: Door, body: str, left: bool, half: Vector, rise: float, middle: 
     return Leaf(body, frame, (0.0, -side * reach, rise), half, side, sliding=False)
 
 
-def add_machinery(spec: mujoco.MjSpec, world: WorldDescription) -> None:
+def add_machinery(spec: mujoco.MjSpec, machinery: Machinery, folder: Path, scene: str) -> None:
     """Put all machinery of a world into its scene.
+
+    Args:
+        spec: of the scene.
+        machinery: of the world.
+        folder: of the world, for errors.
+        scene: name of the scene's file, for errors.
 
     Raises:
         WorldError: if the scene has a body or geom of that name already, or if nobody knows what
             a material looks like.
         ValueError: if MuJoCo refuses something else.
     """
-    machinery = world.machinery
+    place = _Place(spec, folder, scene)
     for number, door in enumerate(machinery.doors, start=1):
-        material = _material(spec, world, door.material, f"[[door]] {number}")
+        material = place.material(door.material, f"[[door]] {number}")
         for leaf in leaves_of(door):
-            _check_name(spec, world, leaf.body, f"[[door]] {number}")
+            place.check_name(leaf.body, f"[[door]] {number}")
             _add_leaf(spec, door, leaf, material)
     for number, belt in enumerate(machinery.belts, start=1):
-        material = _material(spec, world, belt.material, f"[[belt]] {number}")
-        _check_name(spec, world, belt.geom, f"[[belt]] {number}")
+        material = place.material(belt.material, f"[[belt]] {number}")
+        place.check_name(belt.geom, f"[[belt]] {number}")
         _add_belt(spec, belt, material)
     for number, lift in enumerate(machinery.lifts, start=1):
-        material = _material(spec, world, lift.material, f"[[lift]] {number}")
-        _check_name(spec, world, lift.name, f"[[lift]] {number}")
+        material = place.material(lift.material, f"[[lift]] {number}")
+        place.check_name(lift.name, f"[[lift]] {number}")
         _add_lift(spec, lift, material)
     for number, obstacle in enumerate(machinery.obstacles, start=1):
-        material = _material(spec, world, obstacle.material, f"[[obstacle]] {number}")
-        _check_name(spec, world, obstacle.name, f"[[obstacle]] {number}")
+        material = place.material(obstacle.material, f"[[obstacle]] {number}")
+        place.check_name(obstacle.name, f"[[obstacle]] {number}")
         _add_obstacle(spec, obstacle, material)
 
 
@@ -200,23 +206,33 @@ def _add_body(spec: mujoco.MjSpec, name: str, pose: Pose, *, placed: bool) -> mu
     return body
 
 
-def _check_name(spec: mujoco.MjSpec, world: WorldDescription, name: str, place: str) -> None:
-    if spec.body(name) is None and spec.geom(name) is None and spec.joint(name) is None:
-        return
-    problem = f"{name!r} is already the name of something in {world.scene.name}"
-    raise _refusal(world, problem, "write another name", f"{place}: name")
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """A scene that machinery is put into."""
 
+    spec: mujoco.MjSpec
+    folder: Path  # of the world
+    scene: str  # name of its file
 
-def _material(spec: mujoco.MjSpec, world: WorldDescription, name: str, place: str) -> str:
-    if spec.material(name) is None:
-        if name not in SUBSTANCES:
-            known = sorted({*SUBSTANCES, *(one.name for one in spec.materials if one.name)})
-            cure = f"write one of {', '.join(known)}, or add the material to {world.scene.name}"
-            problem = f"nobody knows what {name!r} looks like"
-            raise _refusal(world, problem, cure, f"{place}: material")
-        spec.add_material(name=name, rgba=SUBSTANCES[name])
-    return name
+    def check_name(self, name: str, place: str) -> None:
+        """Refuse a name that something in the scene has."""
+        spec = self.spec
+        if spec.body(name) is None and spec.geom(name) is None and spec.joint(name) is None:
+            return
+        problem = f"{name!r} is already the name of something in {self.scene}"
+        raise self._refusal(problem, "write another name", f"{place}: name")
 
+    def material(self, name: str, place: str) -> str:
+        """The name of a material, which is added if the scene has none but it is known."""
+        spec = self.spec
+        if spec.material(name) is None:
+            if name not in SUBSTANCES:
+                known = sorted({*SUBSTANCES, *(one.name for one in spec.materials if one.name)})
+                cure = f"write one of {', '.join(known)}, or add the material to {self.scene}"
+                problem = f"nobody knows what {name!r} looks like"
+                raise self._refusal(problem, cure, f"{place}: material")
+            spec.add_material(name=name, rgba=SUBSTANCES[name])
+        return name
 
-def _refusal(world: WorldDescription, problem: str, cure: str, where: str) -> WorldError:
-    return WorldError(errors.at(world.folder / "world.toml", problem, cure, where=where))
+    def _refusal(self, problem: str, cure: str, where: str) -> WorldError:
+        return WorldError(errors.at(self.folder / "world.toml", problem, cure, where=where))
