@@ -106,6 +106,14 @@ def test_what_a_program_has_started_ends_with_it() -> None:
     assert eventually(lambda: gone(int(ready[1])))
 
 
+def test_what_a_program_has_started_ends_when_it_ends_by_itself() -> None:
+    """Nobody has to ask for it."""
+    with Program("the parent", python("-c", PARENT.replace("time.sleep(600)", ""))) as program:
+        [ready] = program.announced(r"READY (\d+)")
+        assert program.ended.result(PATIENCE) == 0
+        assert eventually(lambda: gone(int(ready[1])))
+
+
 def gone(pid: int) -> bool:
     """Whether a process has ended; one whose parent does not ask for it stays as a zombie."""
     return not psutil.pid_exists(pid) or psutil.Process(pid).status() == psutil.STATUS_ZOMBIE

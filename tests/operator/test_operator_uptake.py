@@ -13,7 +13,7 @@ from PIL import Image
 from virtual_station import VirtualPage, VirtualStation
 
 from usarsim_client import Picture, ProtocolError
-from usarsim_operator import packets, slimming
+from usarsim_operator import packets
 from usarsim_operator.impaired_link import ImpairedLink
 from usarsim_operator.impairment import Conditions
 from usarsim_operator.pictures import CameraFeed, jpeg
@@ -237,19 +237,19 @@ def test_pictures_and_points_become_small() -> None:
     out = io.BytesIO()
     noise.save(out, "JPEG", quality=80)
     head = packets.head(packets.PICTURE, 3, 7, 1.5)
-    data = slimming.slim(head + out.getvalue(), 3000)
+    data = packets.slim(head + out.getvalue(), 3000)
     assert data[: packets.HEAD] == head
     assert len(data) <= 3000
     seen = Image.open(io.BytesIO(data[packets.HEAD :]))
     assert seen.width / seen.height == 320 / 240
     rows = b"".join(struct.pack("<3f", n, 0.0, 1.0) for n in range(8000))
     cloud = packets.head(packets.POINTS, 3, 8, 1.5) + struct.pack("<I", 8000) + rows
-    thin = slimming.slim(cloud, 3000)
+    thin = packets.slim(cloud, 3000)
     count = struct.unpack_from("<I", thin, packets.HEAD)[0]
     assert len(thin) == packets.HEAD + 4 + 12 * count <= 3000
     assert count > 200
     assert struct.unpack_from("<f", thin, len(thin) - 12)[0] > 7900
-    assert slimming.slim(head + b"no picture", 20) == head + b"no picture"
+    assert packets.slim(head + b"no picture", 20) == head + b"no picture"
 
 
 def test_huge_pictures_cost_little() -> None:
@@ -257,11 +257,11 @@ def test_huge_pictures_cost_little() -> None:
     more than any server draws is neither decoded nor handed on to pages."""
     out = io.BytesIO()
     Image.new("RGB", (4096, 4096), "red").save(out, "JPEG", quality=80)
-    seen = Image.open(io.BytesIO(slimming.smaller(out.getvalue(), 10_000_000)))
+    seen = Image.open(io.BytesIO(packets.smaller(out.getvalue(), 10_000_000)))
     assert seen.width * seen.height <= 2_000_000
     at = out.getvalue().index(b"\xff\xc0") + 5
     bomb = out.getvalue()[:at] + struct.pack(">HH", 65_500, 65_500) + out.getvalue()[at + 4 :]
-    assert slimming.smaller(bomb, 100) == bomb
+    assert packets.smaller(bomb, 100) == bomb
     with pytest.raises(ProtocolError, match="no real one"):
         jpeg(Picture(1, bomb))
     with pytest.raises(ProtocolError, match="no JPEG"):

@@ -146,7 +146,7 @@ def test_a_name_belongs_to_one_class() -> None:
     class Impostor(Battery):
         pass
 
-    with pytest.raises(ValueError, match=r"already registered by usarsim_server\.sensors\.pose"):
+    with pytest.raises(ValueError, match=r"already registered by usarsim_server\.sensors\.status"):
         register("BATTERY")(Impostor)
     assert type(make("Battery")) is Battery
 

@@ -25,8 +25,16 @@ from usarsim_client.pictures import FULL_FRAME, Picture, rectangle
 from usarsim_client.robot import Robot
 from usarsim_client.scene import Poses, Present, Scene, SceneReader, connect_scene
 from usarsim_client.server import Server, connect
-from usarsim_client.services import Actor, actor, road
-from usarsim_client.side_channels import GroundTruthPort, Position, Radio, RadioError, TruthPort
+from usarsim_client.side_channels import (
+    Actor,
+    GroundTruthPort,
+    Position,
+    Radio,
+    RadioError,
+    TruthPort,
+    actor,
+    road,
+)
 from usarsim_client.state import RobotState
 from usarsim_client.streams import Stream
 from usarsim_client.waiting import BlockingRobot, BlockingServer, connect_blocking

@@ -10,7 +10,7 @@ from typing import Self
 
 from usarsim_client.connection import Connection
 from usarsim_client.inbox import ProtocolError
-from usarsim_client.services import road
+from usarsim_client.side_channels import road
 from usarsim_conformance.case import PATIENCE, Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.places import Place

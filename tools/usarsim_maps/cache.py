@@ -22,7 +22,7 @@ from usarsim_maps.files import MAX_INDEXED, file_digest
 from usarsim_maps.reader import ImportOptions
 from usarsim_server import __version__
 from usarsim_server.base.errors import MapImportError, at
-from usarsim_server.base.files import publish_folder, read_regular
+from usarsim_server.base.files import locked, publish_folder, read_regular
 from usarsim_server.protocol.json_text import parse_json
 
 FORMAT = 6
@@ -92,12 +92,11 @@ class ImportCache:
         """While inside, no other process adds or removes entries; needed to find and hold one."""
         try:
             self._root.mkdir(parents=True, exist_ok=True)
-            descriptor = os.open(self._root / DOOR, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            descriptor = locked(self._root / DOOR, fcntl.LOCK_EX)
         except OSError:  # a cache that cannot be written is never changed
             yield
             return
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
             yield
         finally:
             os.close(descriptor)
@@ -186,29 +185,19 @@ def _age(place: Path) -> float:
 def _lock(place: Path, kind: int) -> int | None:
     """The descriptor of a lock on an entry; None if there can be none."""
     try:
-        descriptor = os.open(place / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        return locked(place / LOCK, kind | fcntl.LOCK_NB)
     except OSError:
         return None
-    try:
-        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
-    except OSError:
-        os.close(descriptor)
-        return None
-    return descriptor
 
 
 def _in_use(place: Path) -> bool:
     """Whether a process, this one included, holds an entry."""
     try:
-        descriptor = os.open(place / LOCK, os.O_RDWR)
+        os.close(locked(place / LOCK, flags=0))
+    except BlockingIOError:
+        return True
     except OSError:
         return False
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return True
-    finally:
-        os.close(descriptor)
     return False
 
 

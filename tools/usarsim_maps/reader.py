@@ -22,17 +22,15 @@ from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Scene
 from usarsim_maps.support import SupportTable
 from usarsim_server.base.errors import MapImportError, at
+from usarsim_server.base.extras import install
 from usarsim_server.base.files import ALLOW, Folders
 from usarsim_server.base.plugins import PluginTypes
 from usarsim_server.world_cost import LIMITS, WorldLimits
 
-_MESHES = 'pip install "usarsim-server[meshes]"'
-PACKAGES = {
-    "pxr": "pip install usd-core",
-    "ufbx": 'pip install "usarsim-server[fbx]"',
-    "yaml": 'pip install "usarsim-server[maps]"',
-} | dict.fromkeys(("DracoPy", "lxml", "meshopt", "networkx", "trimesh"), _MESHES)
-"""How to get an optional package."""
+EXTRAS = {"pxr": "usd", "ufbx": "fbx", "yaml": "maps"} | dict.fromkeys(
+    ("DracoPy", "lxml", "meshopt", "networkx", "trimesh"), "meshes"
+)
+"""Extras that bring the optional packages."""
 
 GROUP = "usarsim_maps.readers"
 """Entry point group for readers of other packages."""
@@ -232,5 +230,5 @@ def need(module: str, source: Path, what_for: str) -> ModuleType:
     except ImportError:
         top = module.partition(".")[0]
         problem = f"{what_for} need the Python package {top!r}"
-        cure = PACKAGES.get(top, f"pip install {top}")
+        cure = install(EXTRAS[top]) if top in EXTRAS else f"pip install {top}"
         raise MapImportError(at(source, problem, cure)) from None

@@ -12,7 +12,7 @@ import json
 from collections import OrderedDict, deque
 from collections.abc import Mapping
 
-from usarsim_operator import packets, slimming
+from usarsim_operator import packets
 from usarsim_operator.impaired_link import Data, ImpairedLink, Socket
 from usarsim_operator.page_clock import PageClock
 from usarsim_operator.roles import Limits, Role
@@ -168,7 +168,7 @@ class Page:
         clock = asyncio.get_running_loop().time
         begun, room = clock(), self.uptake.room
         if room is not None and isinstance(data, bytes) and len(data) > room:
-            data = slimming.slim(data, room)
+            data = packets.slim(data, room)
         picture = isinstance(data, bytes) and data[0] == packets.PICTURE
         small = room is None or picture or len(data) < _WORTH
         compress = None if small else self.deflate or None

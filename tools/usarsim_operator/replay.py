@@ -28,8 +28,7 @@ from usarsim_operator.pulse import Pulse
 from usarsim_operator.recording import Recording, Text
 from usarsim_operator.requests import Desk
 from usarsim_operator.roles import Role
-from usarsim_operator.settings import Settings
-from usarsim_operator.station import Station
+from usarsim_operator.station import Settings, Station
 from usarsim_server.base.addresses import split_address
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.base.private import secret

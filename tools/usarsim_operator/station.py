@@ -11,7 +11,7 @@ import contextlib
 import itertools
 import math
 from collections.abc import Coroutine, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,26 +25,29 @@ from usarsim_client import (
     readings,
     reports,
 )
+from usarsim_client.cameras import Tile
 from usarsim_client.decoder import Value
 from usarsim_client.scene import Poses
 from usarsim_operator.alarms import Alarms, StuckWatch
+from usarsim_operator.allowance import Allowance
 from usarsim_operator.arbiter import Arbiter
 from usarsim_operator.autonomy import Autonomy
 from usarsim_operator.camera_feeds import CameraFeeds
 from usarsim_operator.hearing import Interest
+from usarsim_operator.impairment import Plan
 from usarsim_operator.injects import Injects
 from usarsim_operator.lockstep import Lockstep
 from usarsim_operator.marks import Marks
 from usarsim_operator.observers import MissionRow, Observers
 from usarsim_operator.occupancy import OccupancyMap
 from usarsim_operator.pages import Page
+from usarsim_operator.pictures import Grid
 from usarsim_operator.recorder import Recorder
 from usarsim_operator.robot_link import Driven, Send
 from usarsim_operator.roles import Role
 from usarsim_operator.scene_link import Message, SceneLink
-from usarsim_operator.settings import Settings as Settings  # part of what this module hands out
 from usarsim_operator.shows import Shows
-from usarsim_operator.signals import Signals
+from usarsim_operator.signals import BASE, Signals
 from usarsim_operator.timed_moves import Rotate
 from usarsim_operator.truth import Truth, wire_pose
 from usarsim_operator.watchdog import Watchdog
@@ -56,6 +59,44 @@ MOST_ROBOTS = 250
 """Robots of a session; binary messages have one byte for their index."""
 
 _OF_POINTS = readings.LaserScan | readings.Scan3D | readings.DepthStrip | readings.PointCloud
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What a gateway is given.
+
+    Attributes:
+        host, port: of the server. image_port: of its pictures.
+        scene: host and port of its scene port; None: it has none. scene_token: of that port.
+        latch: file of the emergency stop; None: it ends with the gateway.
+        delay: s by which viewers see everything later.
+        impairment: how bad the links to pages are; None: as they are.
+        tiles: columns and rows of the image port's picture, for servers that tell no tiles.
+        spectator: x, y, width, height of the part of it that shows the world from outside, pixels.
+        patience: s of wall time that an answer of the server may take.
+        wireless: port of the server's wireless simulation; None: it has none. base: name of the
+            operator's base there.
+        lockstep: the server is in lockstep; else that is found out by the first robot of ours.
+        pace: simulated s per s of wall time in lockstep; infinity for as fast as it goes.
+        allowance: what operators may do.
+    """
+
+    host: str
+    port: int
+    image_port: int = 5003
+    scene: tuple[str, int] | None = None
+    scene_token: str = ""
+    latch: Path | None = None
+    delay: float = 10.0
+    impairment: Plan | None = None
+    tiles: Grid | None = None
+    spectator: Tile | None = None
+    wireless: int | None = None
+    base: str = BASE
+    lockstep: bool = False
+    pace: float = 1.0
+    patience: float = 10.0
+    allowance: Allowance = field(default_factory=Allowance)
 
 
 class Station:

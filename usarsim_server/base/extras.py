@@ -17,7 +17,12 @@ def missing(library: str, extra: str) -> str:
     Args:
         library: top-level module. extra: name of the extra that brings it.
     """
-    return f'{library} is not installed (pip install "usarsim-server[{extra}]")'
+    return f"{library} is not installed ({install(extra)})"
+
+
+def install(extra: str) -> str:
+    """The command that installs what an extra brings."""
+    return f'pip install "usarsim-server[{extra}]"'
 
 
 def need(*libraries: str, extra: str, asker: str) -> None:

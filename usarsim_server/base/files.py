@@ -176,14 +176,36 @@ def held(folder: Path) -> Iterator[bool]:
     Raises:
         OSError: it cannot be held.
     """
-    file = os.open(folder / ".held", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield True
+        file = locked(folder / ".held")
     except BlockingIOError:
         yield False
+        return
+    try:
+        yield True
     finally:
         os.close(file)
+
+
+def locked(path: Path, how: int = fcntl.LOCK_EX | fcntl.LOCK_NB, flags: int = os.O_CREAT) -> int:
+    """Open and lock a file; the lock holds until its descriptor is closed, however that happens.
+
+    Args:
+        path: of the file. how: see flock(2). flags: to open it with; by default it is made.
+
+    Returns:
+        its descriptor.
+
+    Raises:
+        BlockingIOError: another program has it locked. OSError: it cannot be opened or locked.
+    """
+    file = os.open(path, os.O_RDWR | os.O_CLOEXEC | flags, 0o666)
+    try:
+        fcntl.flock(file, how)
+    except OSError:
+        os.close(file)
+        raise
+    return file
 
 
 def _real(path: Path | str) -> str:

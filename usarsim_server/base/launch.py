@@ -200,10 +200,10 @@ class Program:
         """
         if not self.died:
             self._signal(how)
-            with suppress(subprocess.TimeoutExpired):
+            try:
                 self.process.wait(self.grace)
-            self._signal(signal.SIGKILL)
-        self.process.wait()
+            except subprocess.TimeoutExpired:
+                self._signal(signal.SIGKILL)
         return self.ended.result()
 
     def close(self) -> None:
@@ -232,6 +232,7 @@ class Program:
 
     def _follow(self, readers: Sequence[threading.Thread]) -> None:
         code = self.process.wait()
+        self._signal(signal.SIGKILL)  # what it has started; at once, while its number is not reused
         for one in readers:
             one.join(_REST)
         self.ended.set_result(code)

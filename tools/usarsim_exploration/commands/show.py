@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from usarsim_exploration.run_code import add_run_code
+from usarsim_exploration.commands import add_run_code
 from usarsim_server.base.errors import UsarsimError
 from usarsim_server.cli.common import Subparsers, add_command
 

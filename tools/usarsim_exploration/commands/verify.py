@@ -7,7 +7,7 @@ import re
 import secrets
 from pathlib import Path
 
-from usarsim_exploration.run_code import add_run_code
+from usarsim_exploration.commands import add_run_code
 from usarsim_server.cli.common import Subparsers, add_command
 
 _EPILOG = (

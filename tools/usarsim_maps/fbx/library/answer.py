@@ -23,10 +23,11 @@ from usarsim_maps.fbx.library.text import MAX_DEPTH, check_text, is_binary, plai
 from usarsim_maps.files import check_size, read_bytes
 from usarsim_maps.meshes.mesh_files import CURE
 from usarsim_maps.meshes.polygons import MAX_TRIANGLES, check_count
-from usarsim_maps.reader import PACKAGES, need
+from usarsim_maps.reader import EXTRAS, need
 from usarsim_maps.scene import Array, Integers
 from usarsim_maps.units import affine
 from usarsim_server.base.errors import MapImportError, at
+from usarsim_server.base.extras import install
 from usarsim_server.base.launch import python
 from usarsim_server.protocol.json_text import parse_json
 
@@ -148,7 +149,7 @@ def load_fbx(source: Path) -> FbxScene:
     told, blobs = _split(source, _answer(source, content))
     if "unusable" in told:
         problem = f"the FBX library cannot be loaded: {told['unusable']}"[:300]
-        raise MapImportError(at(source, problem, PACKAGES["ufbx"]))
+        raise MapImportError(at(source, problem, install(EXTRAS["ufbx"])))
     if "refused" in told:
         if not binary:
             check_text(source, content, closely=True)
