@@ -21,6 +21,9 @@ GROUP = re.compile(r'^GROUP = "([\w.]+)"', re.MULTILINE)
 SECTION = re.compile(r"^ *Attributes:\n((?:(?: {4,}\S.*)?\n)+)", re.MULTILINE)
 ENTRY = re.compile(r"(?:^|[.;] )((?:\w+, )*\w+): ")
 FILE_ENDINGS = (".py", ".jsonl", ".json.gz", ".toml", ".csv", ".xml")
+CITED_FILE = re.compile(r"(?<!`)`([\w/]+\.py)`(?!`)")
+NO_FILES = {"pickle.py", "mujoco.py"}
+"""Files that a user's folder may have."""
 CITED = re.compile(r"(?<!`)`((?:\w+\.)+\w+)`(?!`)")
 
 
@@ -128,5 +131,16 @@ def test_modules_that_docstrings_name_exist() -> None:
         and not cited.endswith(FILE_ENDINGS)
         and not module_exists(cited)
         and not module_exists(f"{package_of(path)}.{cited}")
+    ]
+    assert wrong == []
+
+
+def test_files_that_docstrings_name_exist() -> None:
+    here = [f"/{path.relative_to(ROOT)}" for path in FILES]
+    wrong = [
+        f"{path.relative_to(ROOT)}: there is no {cited!r}"
+        for path in FILES
+        for cited in CITED_FILE.findall(path.read_text(encoding="utf-8"))
+        if cited not in NO_FILES and not any(one.endswith(f"/{cited}") for one in here)
     ]
     assert wrong == []

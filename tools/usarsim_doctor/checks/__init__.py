@@ -1,1 +1,1 @@
-"""The checks, one file per subject; a new file is enough to add one (see `doctor/registry.py`)."""
+"""The checks, one file per subject; a new file is enough to add one (see `registry.py`)."""
