@@ -13,7 +13,7 @@ from hostile.links import Damage, Link, Site, work
 
 from benchmarks.relay import Radio
 from usarsim_bench.figures import BenchError
-from usarsim_client.blocking import Closing
+from usarsim_client import Closing
 from usarsim_server.base.errors import UsarsimError
 
 GUESTS = 10

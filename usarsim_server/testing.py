@@ -19,10 +19,10 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import Self
 
 from usarsim_server.app import assemble
 from usarsim_server.assembly import Assembly
+from usarsim_server.base.closing import Closing
 from usarsim_server.base.launch import OwnServer
 from usarsim_server.options import OPTIONS
 from usarsim_server.protocol.grammar import LineFramer, parse_line
@@ -79,21 +79,6 @@ def time_of(line: str) -> float | None:
     """Simulated time that a line of the server tells, s; None if it tells none."""
     found = _TIME.search(line)
     return None if found is None else float(found.group(1))
-
-
-class Closing:
-    """Something that is closed at the end of a `with` block."""
-
-    def close(self) -> None:
-        """End it."""
-        raise NotImplementedError
-
-    def __enter__(self) -> Self:
-        """Use as a context manager."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 class RehearsedClient:

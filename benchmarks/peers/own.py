@@ -16,7 +16,7 @@ from benchmarks.peers.work import ROVER, Outcome, Work, run_workload, write_robo
 from benchmarks.server import Server
 from usarsim_bench.crowd import Controller
 from usarsim_bench.figures import BenchError
-from usarsim_client.blocking import Closing
+from usarsim_client import Closing
 
 HUMANOID = "Nao"
 JOINT_PERIOD = 0.02

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Literal
 
 from usarsim_bench.figures import BenchError
-from usarsim_client.blocking import Closing
+from usarsim_client import Closing
 
 WORKLOADS = Path(__file__).with_name("workloads")
 

@@ -14,7 +14,7 @@ Below that is a layer for who tests or measures a server, and wants its bytes: `
 `BlockingConnection`, whose `Inbox` knows no sockets; `RobotState` makes values of lines.
 """
 
-from usarsim_client.blocking import BlockingConnection, Closing
+from usarsim_client.blocking import BlockingConnection
 from usarsim_client.cameras import Pictures
 from usarsim_client.connection import Connection
 from usarsim_client.decoder import Value, decode
@@ -39,6 +39,7 @@ from usarsim_client.state import RobotState
 from usarsim_client.streams import Stream
 from usarsim_client.waiting import BlockingRobot, BlockingServer, connect_blocking
 from usarsim_client.world import Avatar, WorldController
+from usarsim_server.base.closing import Closing
 
 __all__ = [
     "FULL_FRAME",

@@ -4,26 +4,12 @@ from __future__ import annotations
 
 import socket
 from functools import partial
-from typing import Self
 
 from usarsim_client.inbox import HangupError, Inbox, Line, Read, Take, Wanted
 from usarsim_client.pictures import Picture, picture
+from usarsim_server.base.closing import Closing
 
 _CHUNK = 1 << 18
-
-
-class Closing:
-    """Something that is closed at the end of a `with` block."""
-
-    def close(self) -> None:
-        """End it."""
-        raise NotImplementedError
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 class BlockingConnection(Closing):

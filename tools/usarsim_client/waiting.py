@@ -18,7 +18,6 @@ from collections.abc import AsyncIterator, Callable, Coroutine
 from functools import partial, update_wrapper
 from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar, overload
 
-from usarsim_client.blocking import Closing
 from usarsim_client.participant import Participant
 from usarsim_client.reports import Greeting
 from usarsim_client.robot import Robot
@@ -26,6 +25,7 @@ from usarsim_client.server import Server
 from usarsim_client.side_channels import GroundTruthPort, Radio, TruthPort
 from usarsim_client.streams import Stream
 from usarsim_client.world import Avatar, WorldController
+from usarsim_server.base.closing import Closing
 from usarsim_server.protocol.values import Dialect
 
 Inner = TypeVar("Inner")

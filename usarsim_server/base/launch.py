@@ -20,8 +20,9 @@ from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import IO, Self
+from typing import IO
 
+from usarsim_server.base.closing import Closing
 from usarsim_server.base.errors import UsarsimError, at
 from usarsim_server.base.files import reason
 
@@ -81,7 +82,7 @@ class LaunchError(UsarsimError):
     """A program cannot be started, or ended too early; with what it said."""
 
 
-class Program:
+class Program(Closing):
     """A program in a process of its own, and the last lines that it wrote; a context manager.
 
     It leads a session of its own: Ctrl-C is for who started it, and what it starts ends with it.
@@ -209,12 +210,6 @@ class Program:
     def close(self) -> None:
         """End it; a second call does nothing."""
         self.end()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _signal(self, how: signal.Signals) -> None:
         with suppress(ProcessLookupError, PermissionError):
