@@ -54,7 +54,7 @@ def all_classes() -> tuple[str, ...]:
     Raises:
         BenchError: if it does not tell.
     """
-    command = python("-m", "usarsim_server.cli", "robots")
+    command = python("-m", "usarsim_server", "robots")
     told = subprocess.run(command, capture_output=True, text=True, check=False)
     names = tuple(line.split()[0] for line in told.stdout.splitlines()[1:] if line.strip())
     if told.returncode or not names:

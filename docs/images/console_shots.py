@@ -49,7 +49,7 @@ def free_ports(count: int) -> list[int]:
 def running(world: str, classes: list[str]) -> Iterator[tuple[int, dict[str, str]]]:
     """A server and a console with robots R1, R2, ...: the port of the server and a URL per role."""
     port, images, scene = free_ports(3)
-    usarsim = [sys.executable, "-m", "usarsim_server.cli"]
+    usarsim = [sys.executable, "-m", "usarsim_server"]
     asked = ["serve", "--world", world, "--port", port, "--image-port", images, "--camera-rate", 5]
     asked += ["--groundtruth-port", 0, "--wireless-port", 0, "--truth-port", 0]
     asked += ["--scene-port", scene, "--scene-token", "shots", "--supervise", "on"]

@@ -35,7 +35,7 @@ def study() -> str:
 def led(folder: Path) -> Iterator[dict[str, str]]:
     """A desk with a session; the address of each seat."""
     (folder / "study.toml").write_text(study(), encoding="utf-8")
-    usarsim = [sys.executable, "-m", "usarsim_server.cli"]
+    usarsim = [sys.executable, "-m", "usarsim_server"]
     asked = ["study", "run", str(folder / "study.toml"), "--out", str(folder / "out")]
     asked += ["--port", "0", "--trial-seconds", "40"]
     desk: Any = subprocess.Popen([*usarsim, *asked], stdout=subprocess.PIPE, text=True)
