@@ -53,7 +53,7 @@ KERNELS = {
         "usarsim_server/protocol/wireless.py", ("tests/protocol/test_protocol_wireless.py",)
     ),
     "arbiter": Kernel(
-        "tools/usarsim_operator/arbiter.py", ("tests/operator/test_operator_rules.py",)
+        "tools/usarsim_operator/arbiter.py", ("tests/operator/test_operator_arbiter.py",)
     ),
     "referee": Kernel(
         "tools/usarsim_mission/referee.py",

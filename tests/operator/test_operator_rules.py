@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-import random
 import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +14,6 @@ from hypothesis import strategies as st
 from usarsim_client import readings
 from usarsim_operator import messages, packets
 from usarsim_operator.alarms import SHOWN, Alarms, StuckWatch
-from usarsim_operator.arbiter import ANSWER_TIME, Arbiter, Outcome
 from usarsim_operator.messages import FIELDS, PageError
 from usarsim_operator.motion import by_class
 from usarsim_operator.occupancy import OccupancyMap
@@ -26,66 +23,6 @@ from usarsim_operator.watchdog import DRIVE_TIME, Watchdog
 from usarsim_report.serving import foreign, hosts_of
 
 Log = list[tuple[str, dict[str, object]]]
-
-
-def _arbiter(latch: Path | None = None) -> tuple[Arbiter, Log]:
-    log: Log = []
-    return Arbiter(latch, lambda what, facts: log.append((what, facts))), log
-
-
-def test_races_have_one_winner() -> None:
-    """CON-13: of 100 races each has exactly one winner, and the other is told who."""
-    arbiter, log = _arbiter()
-    dice = random.Random(13)
-    for race in range(100):
-        pages = [1, 2]
-        dice.shuffle(pages)
-        first, second = pages
-        robot = f"R{race}"
-        assert arbiter.take(robot, first, f"P{first}", 0.0).outcome is Outcome.GRANTED
-        late = arbiter.take(robot, second, f"P{second}", 0.0)
-        assert late.outcome is Outcome.ASKED
-        assert late.before is not None
-        assert late.before.page == first
-        assert arbiter.why_not(robot, second) == f"P{first} holds {robot}"  # CON-14
-        assert arbiter.why_not(robot, first) == ""
-        forced = arbiter.take(robot, second, f"P{second}", 0.0, force=True)
-        assert forced.outcome is Outcome.GRANTED
-        assert log[-1] == ("took by force", {"robot": robot, "page": second, "holder": first})
-
-
-def test_silence_is_a_no() -> None:
-    arbiter, _ = _arbiter()
-    arbiter.take("R", 1, "A", 0.0)
-    arbiter.take("R", 2, "B", 1.0)
-    assert arbiter.take("R", 3, "C", 1.0).outcome is Outcome.REFUSED
-    assert not arbiter.expired(1.0 + ANSWER_TIME - 0.1)
-    assert [one.page for one in arbiter.expired(1.0 + ANSWER_TIME)] == [2]
-    assert not arbiter.expired(99.0)
-    assert arbiter.reply("R", 1, 2, True).outcome is Outcome.REFUSED
-
-
-def test_page_that_goes_frees_its_robots() -> None:
-    arbiter, _ = _arbiter()
-    arbiter.take("R", 1, "A", 0.0)
-    arbiter.take("S", 2, "B", 0.0)
-    arbiter.take("S", 1, "A", 0.0)
-    assert arbiter.gone(1) == ["R"]
-    assert arbiter.reply("S", 2, 1, True).outcome is Outcome.REFUSED
-    assert not arbiter.hand_back("S", 1)
-
-
-@pytest.mark.parametrize("text", ["", "[]", "{", '{"by": 1}', "\udcff"])
-def test_latch_that_cannot_be_read_stops_everything(tmp_path: Path, text: str) -> None:
-    """O-18: a file that makes no sense is an emergency stop."""
-    latch = tmp_path / "latch"
-    latch.write_bytes(text.encode("utf-8", "surrogateescape"))
-    arbiter, _ = _arbiter(latch)
-    arbiter.take("R", 1, "A", 0.0)
-    assert "emergency stop" in arbiter.why_not("R", 1)
-    arbiter.reset("A", 1)
-    arbiter.keep()
-    assert _arbiter(latch)[0].stop is None
 
 
 def test_watchdog_tells_each_robot_once() -> None:
