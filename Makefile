@@ -10,7 +10,7 @@ SECONDS ?= 60
 # Servers and tests start Python hundreds of times: no use in compiling all modules each time.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: console run test test-all planted fuzz mutate lint format types bench fidelity worlds missions page package clean help
+.PHONY: console run test test-all planted fuzz mutate coverage lint format types bench fidelity worlds missions page package clean help
 
 help:            ## show this list
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
@@ -36,6 +36,9 @@ fuzz: $(VENV)/ready-fuzz  ## look for bytes that no reader can stand (SECONDS=60
 
 mutate: $(VENV)/ready-mutate ## change ten kernels in small ways: do their tests notice? (an hour; goes on where it was)
 	$(BIN)/python tests/mutate.py $(ARGS)
+
+coverage: $(VENV)/ready-coverage ## which lines and branches of each package do the tests reach? (a gate: tests/coverage.toml)
+	$(BIN)/python tests/cover.py $(ARGS)
 
 lint: $(VENV)/ready-dev   ## check style and types
 	$(BIN)/ruff check .
@@ -91,6 +94,10 @@ $(VENV)/ready-dev: pyproject.toml | $(VENV)/pip
 
 $(VENV)/ready-fuzz: $(VENV)/ready-dev
 	$(BIN)/python -m pip install --quiet --group fuzz
+	@touch $@
+
+$(VENV)/ready-coverage: $(VENV)/ready-dev
+	$(BIN)/python -m pip install --quiet --group coverage
 	@touch $@
 
 $(VENV)/ready-mutate: $(VENV)/ready-dev

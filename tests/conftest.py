@@ -1,6 +1,6 @@
 """What holds for all tests: none of them decides what the next one may log, worlds of this
 process share what is dear to make and never changes, and those that draw their examples draw the
-same ones every time, for as long as they need; the files that take longest begin first.
+same ones every time, for as long as they need.
 
 `HYPOTHESIS_PROFILE=explore` draws new examples instead.
 """
@@ -14,8 +14,6 @@ import logging
 import os
 from collections import Counter
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -28,28 +26,7 @@ settings.register_profile("explore", PATIENT)
 settings.register_profile("same", PATIENT, derandomize=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
-DEAR = (
-    *("test_fidelity_trials.py", "test_conformance_faults.py", "test_e2e_lockstep.py"),
-    *("test_benchmarks.py", "test_operator_gateway.py", "test_golden_lines.py"),
-    *("test_conformance_own_server.py", "test_mission_replay.py", "test_e2e_process.py"),
-    *("test_operator_lockstep.py", "test_robots_all_of_them.py", "test_e2e_garage.py"),
-    *("test_e2e_images.py", "test_e2e_limits.py", "test_conformance_planted.py"),
-    *("test_study_trials.py", "test_operator_others.py", "test_howtos.py"),
-    *("test_study_report.py", "test_robots_checklist_lines.py", "test_e2e_legacy_clients.py"),
-    *("test_e2e_chaos.py", "test_maps_felt.py", "test_walls.py", "test_services_budget.py"),
-    *("test_e2e_cameras.py", "test_e2e_connection.py", "test_e2e_checks_robots.py"),
-    *("test_study_crowd.py", "test_mission_match.py", "test_mission_batch.py"),
-    *("test_maps_outside.py", "test_e2e_checks_protocol.py", "test_e2e_bad_input.py"),
-    *("test_e2e_hostile.py", "test_study_file.py", "test_mission_growth.py"),
-    *("test_study_session.py", "test_operator_scenarios.py"),
-)
-"""Files that take most of the processor, dearest first: none may be left for the end."""
-
-
 SLOW_ADVICE = "Slow tests were left out; `make test-all` runs them too."
-
-BROWSER = ("test_console_", "test_demo", "test_page", "test_share_page")
-"""How files begin that open pages in Chromium."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -69,26 +46,6 @@ def lane(config: pytest.Config) -> str:
     return chosen or ("all" if named or config.option.markexpr else "fast")
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    """Workers get files in the order of the collection, not those with most tests first."""
-    if hasattr(config.option, "loadscopereorder"):
-        config.option.loadscopereorder = False
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Each worker takes files; all that need a browser are one to it, for a second browser beside
-    the first would only make both slow."""
-    from xdist.scheduler import LoadFileScheduling
-
-    class Files(LoadFileScheduling):
-        def _split_scope(self, nodeid: str) -> str:
-            file = super()._split_scope(nodeid)
-            return "browser" if Path(file).name.startswith(BROWSER) else file
-
-    return Files(config, log)
-
-
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Iterator[None]:
     """Keep the garbage collector off some million objects that stay to the end."""
@@ -101,8 +58,7 @@ def pytest_collection() -> Iterator[None]:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out the other lane, and bring dear files to the front, those with a browser first of
-    all."""
+    """Leave out the other lane."""
     chosen = lane(config)
     if chosen != "all":
         parts: dict[bool, list[pytest.Item]] = {True: [], False: []}
@@ -110,9 +66,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             parts[item.get_closest_marker("slow") is not None].append(item)
         config.hook.pytest_deselected(items=parts[chosen == "fast"])
         items[:] = parts[chosen == "slow"]
-    places = {name: place for place, name in enumerate(DEAR)}
-    places |= {one.path.name: -1 for one in items if one.path.name.startswith(BROWSER)}
-    items.sort(key=lambda item: places.get(item.path.name, len(DEAR)))
 
 
 @pytest.hookimpl(tryfirst=True)

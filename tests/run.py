@@ -1,4 +1,4 @@
-"""Run the tests on five workers; what is named by files runs in this process alone."""
+"""Run the tests on some workers; what is named by files runs in this process alone."""
 
 from __future__ import annotations
 
@@ -8,25 +8,31 @@ import sys
 from pathlib import Path
 
 TOP = Path(__file__).resolve().parent.parent
-WORKERS = ("-n", "5", "--dist", "loadfile")
+WORKERS = ("-n", "4", "--dist", "worksteal")
+"""More than the two cores that the suite is made for: many tests wait for a server or a browser."""
+KERNELS = "tests/exploration/test_exploration_kernels.py"
 FILE = re.compile(r"\.py(::|$)")
 
 
 def prepare() -> None:
-    """Have pytest rewrite the assertions of all files, and keep that on disk, in two processes.
+    """Do once what each worker of a fresh checkout would do for itself, and keep it on disk.
 
-    Where nobody has done it yet, each of the workers would do it for itself.
+    pytest rewrites the assertions of all files; numba compiles the kernels of explorations.
     """
     if any(TOP.glob("tests/*/__pycache__/*-pytest-*.pyc")):
         return
     rooms = sorted(str(room) for room in (TOP / "tests").iterdir() if room.is_dir())
-    command = [sys.executable, "-m", "pytest", "--collect-only", "-p", "no:cacheprovider"]
-    both = [
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
+    begun = [
         subprocess.Popen([*command, *part], cwd=TOP, stdout=subprocess.DEVNULL)
-        for part in (rooms[::2], rooms[1::2])
+        for part in (
+            ["--collect-only", *rooms[::2]],
+            ["--collect-only", *rooms[1::2]],
+            [KERNELS],
+        )
     ]
-    for one in both:
-        one.wait()  # what cannot be collected is told by the workers
+    for one in begun:
+        one.wait()  # what is wrong is told by the workers
 
 
 def main(options: list[str]) -> int:

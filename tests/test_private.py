@@ -86,7 +86,8 @@ def test_no_child_gets_a_token_by_its_command_line() -> None:
     root = Path(usarsim_server.__file__).parents[1]
     found = []
     for path in [*root.glob("usarsim_server/**/*.py"), *root.glob("tools/**/*.py")]:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        text = path.read_text(encoding="utf-8")
+        for node in ast.walk(ast.parse(text if "--scene-token=" in text else "")):
             if isinstance(node, ast.JoinedStr) and "--scene-token=" in ast.unparse(node):
                 found.append((path.name, ast.unparse(node)))
     assert found == [("programs.py", "f'--scene-token={secret}'")]

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lanes import slow_but
 from small_world import text_map
 
 from usarsim_exploration.running import Result, run
@@ -14,6 +15,8 @@ from usarsim_server.cli import main
 
 MAZE = str(Path(__file__).parent / "cases" / "15" / "maze1.txt")
 SEEKING = sorted(set(TYPES.names()) - {"random-walk"})
+TRIED = slow_but({"frontier", "market", "role-based"}.__contains__, SEEKING)
+"""Others by which robots seek are slow tests."""
 
 
 def crossed(folder: Path) -> str:
@@ -50,7 +53,7 @@ def explored(world: str, backend: str, width: float | None = None, robots: int =
 
 
 @pytest.mark.parametrize("robots", [1, 3])
-@pytest.mark.parametrize("strategy", SEEKING)
+@pytest.mark.parametrize("strategy", TRIED)
 def test_lanes_of_one_cell(strategy: str, robots: int) -> None:
     """Any strategy explores them, on the grid."""
     content = {
@@ -80,7 +83,7 @@ def test_a_narrow_passage_between_rooms(backend: str, cells: int, tmp_path: Path
     assert result.history.cell[:, 1, 0].max() > 40 or cells > 1
 
 
-@pytest.mark.parametrize("strategy", SEEKING)
+@pytest.mark.parametrize("strategy", TRIED)
 def test_robots_that_meet_in_a_corridor_part(strategy: str, tmp_path: Path) -> None:
     """Four, of which two meet at each end of a corridor of one cell: none follows another on."""
     starts = {"A": 18, "B": 19, "C": 21, "D": 22}
@@ -112,11 +115,14 @@ def test_robots_that_meet_in_a_corridor_part(strategy: str, tmp_path: Path) -> N
 
 @pytest.mark.parametrize(
     ("strategy", "most"),
-    [
-        *((name, 0.2) for name in ("frontier", "minpos", "voronoi", "market", "nearest")),
-        *((name, 0.2) for name in ("greedy", "hungarian")),
-        ("next-best-view", 0.35),
-    ],
+    slow_but(
+        lambda pair: pair[0] in {"frontier", "next-best-view"},
+        [
+            *((name, 0.2) for name in ("frontier", "minpos", "voronoi", "market", "nearest")),
+            *((name, 0.2) for name in ("greedy", "hungarian")),
+            ("next-best-view", 0.35),
+        ],
+    ),
 )
 def test_robots_that_meet_in_a_maze_part(strategy: str, most: float) -> None:
     """Four in `maze` are seldom in one cell, though its corridors lead all of them along."""

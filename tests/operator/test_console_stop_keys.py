@@ -38,7 +38,9 @@ async def let_go(stage: Stage, page: Any) -> None:
 
 
 @pytest.mark.parametrize("between", slow_but((200).__eq__, [0, 200, 700]))
-@pytest.mark.parametrize("way", ["mouse", "touch", "Enter", "Space", "pad"])
+@pytest.mark.parametrize(
+    "way", slow_but({"mouse", "pad"}.__contains__, ["mouse", "touch", "Enter", "Space", "pad"])
+)
 async def test_stop_pressed_again_stays_stopped(stage: Stage, way: str, between: int) -> None:
     """A second press, at whatever time after the first, releases nothing."""
     options = {"has_touch": True} if way == "touch" else {}
@@ -68,7 +70,9 @@ async def test_stop_pressed_again_stays_stopped(stage: Stage, way: str, between:
         assert "estop_reset" not in [one["type"] for one in await page.evaluate("sent")]
 
 
-@pytest.mark.parametrize("way", ["mouse", "touch", "Enter", "assistant"])
+@pytest.mark.parametrize(
+    "way", slow_but({"Enter", "assistant"}.__contains__, ["mouse", "touch", "Enter", "assistant"])
+)
 async def test_release_is_held_for_a_second(stage: Stage, way: str) -> None:
     """A short press releases nothing; what cannot hold a button is asked by a dialog."""
     options = {"has_touch": True} if way == "touch" else {}
@@ -129,7 +133,7 @@ FOCUSES = {
 }
 
 
-@pytest.mark.parametrize("focus", slow_but(list(FOCUSES)[::4].__contains__, FOCUSES))
+@pytest.mark.parametrize("focus", slow_but(list(FOCUSES)[2::5].__contains__, FOCUSES))
 async def test_space_stops_wherever_the_focus_is(stage: Stage, focus: str) -> None:
     """Nothing else happens to what has the focus; Esc twice stops as well, and so does a press
     without a code, as remote desktops send it."""
@@ -276,7 +280,7 @@ window.nap = (ms) => { const end = performance.now() + ms; while (performance.no
 """
 
 
-@pytest.mark.parametrize("lost", slow_but(list(LOST)[::4].__contains__, LOST))
+@pytest.mark.parametrize("lost", slow_but(list(LOST)[::8].__contains__, LOST))
 async def test_a_key_whose_way_up_may_be_lost_is_let_go_of(stage: Stage, lost: str) -> None:
     """Command on a Mac and all of its kind: W goes down, something takes the keyboard, and the way
     up of W is never told. The robot stands, until W is pressed once more."""
@@ -333,7 +337,7 @@ AZERTY = """navigator.keyboard.getLayoutMap = async () => new Map([["KeyW", "z"]
 UNKNOWN = "Object.defineProperty(navigator, 'keyboard', {value: undefined});"
 
 
-@pytest.mark.parametrize("told", [True, False])
+@pytest.mark.parametrize("told", slow_but(bool, [True, False]))
 async def test_keys_are_named_by_what_is_printed_on_them(stage: Stage, told: bool) -> None:
     """On AZERTY the place of W has a Z: the browser tells it, or the first press does."""
     async with stage.page() as page:
