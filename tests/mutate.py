@@ -19,10 +19,11 @@ import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 TOP = Path(__file__).resolve().parents[1]
 OUT = TOP / "mutants"
@@ -34,6 +35,12 @@ LEAST = 0.85
 PATIENCE = 10.0
 """A mutant is ended after so many times what the tests take without one: it runs for ever."""
 AT_ONCE = 2
+SAME = ("_Is_Eq", "_IsNot_NotEq", "_Eq_Is", "_NotEq_IsNot")
+"""Ends of the names of changes that make no difference: None equals itself alone, and CPython keeps
+one object for each small number and each word of the code."""
+
+Place = tuple[int, int]
+"""Line, from 1, and column, from 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +73,11 @@ KERNELS = {
     ),
     "scoring": Kernel(
         "tools/usarsim_mission/scoring.py",
-        ("tests/mission/test_mission_scoring.py", "tests/mission/test_mission_credit.py"),
+        (
+            "tests/mission/test_mission_scoring.py",
+            "tests/mission/test_mission_credit.py",
+            "tests/test_tables.py",
+        ),
     ),
     "statistics": Kernel(
         "tools/usarsim_report/statistics.py",
@@ -80,38 +91,54 @@ KERNELS = {
         "usarsim_server/sensors/sonar.py",
         ("tests/sensors/test_sensors_ranges.py", "tests/sensors/test_sensors_in_physics.py"),
     ),
-    "radio": Kernel("usarsim_server/radio/models.py", ("tests/radio",)),
+    "radio": Kernel(
+        "usarsim_server/radio/models.py",
+        ("tests/radio/test_radio_models.py", "tests/test_tables.py"),
+    ),
     "planning": Kernel(
         "tools/usarsim_operator/navigation.py", ("tests/operator/test_operator_policies.py",)
     ),
 }
 
 
-def lines_that_count(text: str) -> set[int]:
-    """Numbers of the lines on which a change could change what a program does: not those of types,
-    decorators, imports and docstrings."""
-    tree = ast.parse(text)
-    idle: set[int] = set()
+def idle_places(text: str) -> list[tuple[Place, Place]]:
+    """Begin and end of what no change of makes a program do anything else: types, decorators,
+    imports and docstrings."""
+    idle: list[tuple[Place, Place]] = []
 
     def leave_out(node: ast.AST | None) -> None:
         if isinstance(node, ast.expr | ast.stmt):
-            idle.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+            end = node.end_lineno or node.lineno, node.end_col_offset or node.col_offset
+            idle.append(((node.lineno, node.col_offset), end))
 
-    for node in ast.walk(tree):
+    for node in ast.walk(ast.parse(text)):
         match node:
             case ast.FunctionDef() | ast.AsyncFunctionDef():
-                for part in (*node.decorator_list, node.returns):
-                    leave_out(part)
-                for one in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs):
-                    leave_out(one.annotation)
-            case ast.ClassDef():
-                for part in node.decorator_list:
-                    leave_out(part)
-            case ast.AnnAssign(value=None) | ast.Import() | ast.ImportFrom():
+                leave_out(node.returns)
+            case ast.arg() | ast.AnnAssign():
+                leave_out(node.annotation)
+            case ast.Import() | ast.ImportFrom() | ast.Expr(value=ast.Constant(value=str())):
                 leave_out(node)
-            case ast.Expr(value=ast.Constant(value=str())):
+            case ast.If(test=ast.Name(id="TYPE_CHECKING")):
                 leave_out(node)
-    return set(range(1, text.count("\n") + 2)) - idle
+        for part in getattr(node, "decorator_list", ()):
+            idle.append(((part.lineno, 0), (part.end_lineno + 1, 0)))
+    return idle
+
+
+def draw(name: str, items: Iterable[Any]) -> list[Any]:
+    """The mutants of a kernel that are judged, of all that Cosmic Ray can make of its code."""
+    idle = idle_places((TOP / KERNELS[name].code).read_text(encoding="utf-8"))
+
+    def counts(item: Any) -> bool:
+        change = item.mutations[0]
+        place = tuple(change.start_pos)
+        return not (
+            change.operator_name.endswith(SAME) or any(begin <= place < end for begin, end in idle)
+        )
+
+    wanted = sorted(filter(counts, items), key=lambda one: str(one.mutations))
+    return random.Random(name).sample(wanted, min(MOST, len(wanted)))
 
 
 def tree_of(number: int) -> None:
@@ -152,11 +179,8 @@ def judge(name: str, tree: Path) -> None:
     with use_db(str(store), WorkDB.Mode.create if fresh else WorkDB.Mode.open) as work:
         if fresh:
             init([Path(kernel.code)], work, {})
-            counting = lines_that_count(Path(kernel.code).read_text(encoding="utf-8"))
-            items = sorted(work.work_items, key=lambda one: str(one.mutations))
-            wanted = [one for one in items if one.mutations[0].start_pos[0] in counting]
-            drawn = random.Random(name).sample(wanted, min(MOST, len(wanted)))
-            left = {one.job_id for one in items} - {one.job_id for one in drawn}
+            drawn = draw(name, work.work_items)
+            left = {one.job_id for one in work.work_items} - {one.job_id for one in drawn}
             work.set_multiple_results(left, WorkResult(worker_outcome=WorkerOutcome.SKIPPED))
         waiting = list(work.pending_work_items)
         for number, item in enumerate(waiting, 1):

@@ -31,7 +31,18 @@ from usarsim_server.protocol.wireless import Reason, Request, parse_request
         (b"INIT {Robot A} {Port x}", Request("INIT", "A", error=Reason.PORTS)),
         (b"INIT {Robot A} {Port 1,-2}", Request("INIT", "A", error=Reason.PORTS)),
         (b"INIT {Robot A} {Port 65536}", Request("INIT", "A", error=Reason.PORTS)),
+        (b"INIT {Robot A} {Port 0,, 65535}", Request("INIT", "A", (0, 65535))),
+        (b"INIT {Robot A} {Port 100000}", Request("INIT", "A", error=Reason.PORTS)),
+        (b"INIT {Robot A} {Port %s}" % b",".join([b"7"] * 256), Request("INIT", "A", (7,) * 256)),
+        (
+            b"INIT {Robot A} {Port %s}" % b",".join([b"7"] * 257),
+            Request("INIT", "A", error=Reason.PORTS),
+        ),
         (b"INIT {Port 1}", Request("INIT", "", (1,), error=Reason.NO_NAME)),
+        (b"GETSS {Robot %s}" % (b"n" * 64), Request("GETSS", "n" * 64)),
+        (b"GETSS {Robot %s}" % (b"n" * 65), Request("GETSS", error=Reason.NO_NAME)),
+        (b"DNS {Robot Base} {Port 65536}", Request("DNS", "Base", error=Reason.PORT)),
+        (b"DNS {Robot Base} {Port }", Request("DNS", "Base", error=Reason.PORT)),
         (b"GETSS {Robot Base}", Request("GETSS", "Base")),
         (b"DNS {Robot Base}", Request("DNS", "Base")),
         (b"DNS {Robot Base} {Port 7}", Request("DNS", "Base", port=7)),
@@ -69,6 +80,7 @@ def test_no_line_is_too_odd(line: bytes) -> None:
         (-100.0, "{Strength -100}"),
         (-1234567.0, "{Strength -1.23457e+06}"),
         (0.0, "{Strength 0}"),
+        (1e-9, "{Strength NaN} {Error Model.Returned.NaN}"),
         (-0.0, "{Strength 0}"),
         (math.inf, "{Strength INF} {Error Model.Returned.INF}"),
         (math.nan, "{Strength NaN} {Error Model.Returned.NaN}"),
@@ -83,6 +95,7 @@ def test_strengths_have_six_digits(strength: float, text: str) -> None:
 
 def test_replies_are_spelt_as_in_the_original() -> None:
     """All other replies, mistakes of spelling included (side channels 4.2, section 12)."""
+    assert wireless.MAX_LINE == 102400
     assert wireless.INIT_OK == "INITREPLY {Status OK}"
     assert wireless.error_reply(Reason.NAME_TAKEN) == "ERROR {Reason Robot.Alread.Exists}"
     assert wireless.strength_reply("A", -1.0, oneself=True) == (
