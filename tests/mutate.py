@@ -89,7 +89,11 @@ KERNELS = {
     ),
     "sensor": Kernel(
         "usarsim_server/sensors/sonar.py",
-        ("tests/sensors/test_sensors_ranges.py", "tests/sensors/test_sensors_in_physics.py"),
+        (
+            "tests/sensors/test_sensors_ranges.py",
+            "tests/sensors/test_sensors_in_physics.py",
+            "tests/test_tables.py",
+        ),
     ),
     "radio": Kernel(
         "usarsim_server/radio/models.py",

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from usarsim_exploration.cycle import Cycle, Member, set_up
 from usarsim_exploration.environment import Cell, Environment
 from usarsim_exploration.known_map import AT_BASE, FREE, KNOWN, RELAYED
-from usarsim_exploration.messages import letter_size, map_size
+from usarsim_exploration.messages import HEAD, letter_size, map_size
 from usarsim_exploration.radio import Circle, Radio, SubT
 from usarsim_exploration.strategies.nearest import Nearest
 from usarsim_exploration.strategy import Plan, Strategy, View
@@ -89,6 +89,26 @@ def test_difference_is_a_fifth_of_whole_maps() -> None:
                 cells = np.flatnonzero(bits)
                 whole += map_size(cells, bits[cells]) * (len(group) - 1)
     assert 0 < cycle.bytes_sent <= 0.2 * whole
+
+
+def test_each_hears_once_what_is_news_to_it() -> None:
+    """EXP-10: what each of three found out by itself goes to both others at once; after that, as
+    nobody moves, each message is a head."""
+    starts = [(5, 15), (45, 15), (85, 15)]
+    apart, linked = (hall(Circle(), starts, reach) for reach in (1.0, 60.0))
+    assert apart.cells_sent == apart.bytes_sent == 0
+    own = [body.view.known.bits.reshape(-1) for body in apart.bodies]
+    found = [np.flatnonzero(bits) for bits in own]
+    assert min(map(len, found[1:])) > 100
+    sizes = [map_size(cells, bits[cells]) for cells, bits in zip(found, own, strict=True)]
+    for heads in (1, 2, 3):
+        assert linked.cells_sent == 2 * sum(map(len, found))
+        assert linked.bytes_sent == 2 * sum(heads * HEAD + size for size in sizes)
+        linked.advance()
+    for body in linked.bodies:
+        others = {0, 1, 2} - {body.view.number}
+        assert body.view.linked == set(body.view.teammates) == others
+        assert {one.heard for one in body.view.teammates.values()} == {linked.step}
 
 
 @pytest.mark.parametrize("radio", [Circle(bandwidth=300), SubT(bandwidth=500)])

@@ -209,3 +209,31 @@ def test_the_example_of_the_page_is_read(tmp_path: Path) -> None:
     rules = read_rules(write(tmp_path, example))
     assert rules.zones.red.factor == 1.5
     assert rules.score({**NOTHING, "VC": 3, "C": 1}) == 25.0
+
+
+def test_a_total_counts_on_the_range_of_each_variable() -> None:
+    """By these ranges a total is refused that may divide by zero or has no finite value."""
+    many, share = (0.0, 1e6), (0.0, 1.0)
+    assert {name: limits for name, (limits, _) in VARIABLES.items()} == {
+        **dict.fromkeys(("VF", "ID", "ST", "LO", "FM", "C", "K", "L"), many),
+        **dict.fromkeys(("A", "M", "T"), share),
+        "V": (1.0, 1e6),
+        "VC": (0.0, 1e8),
+        "B": (-1e9, 1e9),
+        "N": (1.0, 1e3),
+    }
+
+
+@pytest.mark.parametrize(("rule", "divisor"), [("none", 1), ("divide_n2", 9), ("divide_1n2", 16)])
+def test_parts_of_a_score_add_up_to_it(tmp_path: Path, rule: str, divisor: int) -> None:
+    """Each part is divided as the whole is."""
+    text = HEAD + f'[victims]\npoints = {{ found = 7, id = 2 }}\n[operators]\nrule = "{rule}"\n'
+    rules = read_rules(write(tmp_path, text))
+    values = {**NOTHING, "VC": 2.0, "ID": 3.0, "B": -1.0, "N": 3.0}
+    parts = [(names, one) for names, one in rules.made_of(values) if one]
+    assert parts == [
+        (frozenset({"VC"}), pytest.approx(14 / divisor)),
+        (frozenset({"ID"}), pytest.approx(6 / divisor)),
+        (frozenset({"B"}), pytest.approx(-1 / divisor)),
+    ]
+    assert rules.score(values) == pytest.approx(sum(one for _, one in parts))
