@@ -44,6 +44,7 @@ def groups() -> set[str]:
     return {*project["entry-points"], *own}
 
 
+@cache
 def members(node: ast.ClassDef) -> set[str]:
     """Names that a class and its bases in the product give to their objects."""
     found = set()

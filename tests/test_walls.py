@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -73,6 +74,7 @@ def imported(tree: ast.AST, *, later: bool = True) -> Iterator[str]:
             yield from imported(node, later=later)
 
 
+@cache
 def parsed(path: Path) -> ast.Module:
     """The program in a file."""
     return ast.parse(path.read_text(encoding="utf-8"))

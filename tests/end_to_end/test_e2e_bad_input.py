@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 
 import psutil
 import pytest
+from lanes import slow_but
 
 from usarsim_server.protocol.truth import Position, positions
 from usarsim_server.protocol.values import LONGEST_NAME
@@ -94,7 +95,13 @@ def test_a_bad_init_leaves_the_connection_usable(connect: Connect, init: str) ->
     assert client.wait_for("STA {Type GroundVehicle}")
 
 
-@pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e308", "-1e308", "1e999", "x" * 300])
+@pytest.mark.parametrize(
+    "value",
+    slow_but(
+        {"nan", "1e308"}.__contains__,
+        ["nan", "inf", "-inf", "1e308", "-1e308", "1e999", "x" * 300],
+    ),
+)
 def test_silly_drive_values(connect: Connect, value: str) -> None:
     """The robot stays finite and where robots can be, and another one does not notice (protocol 45,
     53)."""

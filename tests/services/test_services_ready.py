@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 import re
 import signal
@@ -219,7 +220,8 @@ def test_service_that_fails_to_stop_does_not_keep_others_from_it(caplog) -> None
     ],
 )
 def test_server_that_only_this_machine_reaches_says_how_to_open_it(caplog, hosts, warned) -> None:
-    """With a loopback address one warning names --host; an open server gives none."""
+    """With a loopback address one line names --host; an open server gives none."""
+    caplog.set_level(logging.INFO)
     run_until_ready(*(FakeService(f"s{n}", host=host) for n, host in enumerate(hosts)))
     advice = [r for r in caplog.records if "--host 0.0.0.0" in r.message]
     assert len(advice) == int(warned)
