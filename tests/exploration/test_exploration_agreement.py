@@ -41,7 +41,9 @@ def level(
         steps = np.array(one["curves"]["steps"])
         one["curves"]["distance"] = (40.0 * steps).tolist()
         if backend != "grid":
-            one["measures"] |= {"map_error": 0.04, "slip": 12.5, "collisions": 2}
+            one["measures"] |= {
+                "map_error": 0.04, "slip": 12.5, "collisions": 2, "aligned_iou": 0.9,
+            }  # fmt: skip
             for name in ("team_t90", "base_t90"):
                 time = one["measures"][name]
                 one["measures"][name] = round(time * slower) if time else None
@@ -95,8 +97,9 @@ def test_a_report_of_both_levels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     text = (tmp_path / "report.md").read_text()
     assert "## Grid and physics" in text
     assert "Kendall's tau" in text
-    assert "| Map error (m) | 0.040" in text
-    assert "| Slip (%) | 12.5" in text
+    assert "| Map error [m] | 0.040" in text
+    assert "| Slip [%] | 12.5" in text
+    assert "| Overlap of the aligned map with the world | 0.9" in text
     assert ",server," in (tmp_path / "runs.csv").read_text()
     html = (tmp_path / "report.html").read_text()
     assert html.count('aria-label="Coverage by distance on the grid and with physics') == 2

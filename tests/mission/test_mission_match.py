@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from usarsim_mission.match.scribe import Scribe
 from usarsim_mission.match.synthetic import Skill, SyntheticOperator
 from usarsim_mission.match.team import read_team
 from usarsim_mission.scenario.description import Event
+from usarsim_mission.scoring import VictimRules
 from usarsim_server.cli import main
 
 _MISSION = """
@@ -134,6 +136,49 @@ def test_robots_keep_clear_of_whom_a_camera_sees() -> None:
     said = _say(SyntheticOperator(Skill(), ["R1", "R2"], 7), rows, avoid=True)
     where = {"place": [4.0, -1.0, -0.1], "radius": 0.95}  # the wire's frame; Ada lies
     assert said == [(0.0, {"type": "avoid", "name": "Ada", **where})]
+
+
+_NEAR = VictimRules(credit="proximity", radius=10.0, sticky=False)
+
+
+@pytest.mark.parametrize(
+    ("rules", "within"),
+    [
+        (VictimRules(), None),  # a mark stays
+        (replace(_NEAR, sticky=True), None),
+        (replace(_NEAR, credit="mark"), None),
+        (_NEAR, 4.8),  # it has to recognise them
+        (replace(_NEAR, radius=2.0), 1.6),
+        (replace(_NEAR, pairs=True), 3.333),
+        (replace(_NEAR, credit="view"), 4.8),
+    ],
+)
+def test_who_counts_only_while_a_robot_is_near(rules: VictimRules, within: float | None) -> None:
+    """The robot that sees somebody is told to stay, one for each, if the rules ask for it; after
+    20 s without a sight it is told to stay no more."""
+    both = ("R1", "Ada", 0.1, 3.0, True), ("R2", "Ada", 0.1, 4.0, True)
+    operator = SyntheticOperator(Skill(miss=1.0), ["R1", "R2"], 7, rules)
+    rows = [_row(0.5 * one, *(both if one < 20 else ())) for one in range(80)]
+    said = [(time, one) for time, one in _say(operator, rows) if one["type"] != "select"]
+    assert {one["robot"] for _, one in said} == ({"R1"} if within else set())
+    if within:
+        (_, stays), (time, leaves) = said
+        assert (stays["name"], stays["within"]) == ("Ada", pytest.approx(within, abs=1e-3))
+        assert (time, leaves["name"]) == (30.0, None)  # last seen at 9.5
+
+
+def test_in_pairs_each_robot_stays_with_somebody_else() -> None:
+    """Where one robot makes several count, the next one searches on; in pairs it stays, too."""
+    views = ("R1", "Ada", 0.1, 3.0, True), ("R2", "Ben", 0.1, 4.0, True)
+    for pairs in (True, False):
+        operator = SyntheticOperator(Skill(), ["R1", "R2"], 7, replace(_NEAR, pairs=pairs))
+        row = _row(0.0, *views)
+        pose = {"pos": [2.0, 1.0, 0.1], "quat": [1.0, 0.0, 0.0, 0.0], "linear": [0.0] * 3}
+        robot = {"name": "R1", **pose, "angular": [0.0] * 3, "battery": None, "contacts": []}
+        row = truth_row({**row.fields, "robots": [robot]})
+        told = [one for _, one in _say(operator, [row]) if one["type"] == "follow"]
+        with_whom = [(one["robot"], one["name"]) for one in told]
+        assert with_whom == [("R1", "Ada"), ("R2", "Ben")][: 1 + pairs]
 
 
 def test_a_synthetic_operator_sees_what_its_robot_shows() -> None:

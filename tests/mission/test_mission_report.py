@@ -123,6 +123,18 @@ def test_why_a_robot_stood() -> None:
     ]
 
 
+def test_what_cannot_drive_does_not_stand() -> None:
+    """A base that is built to stay is not told among the robots that stood; others are."""
+    drawn = Drawn()
+    robots = [{"name": "Base", "drives": False}, {"name": "A", "drives": True}, {"name": "B"}]
+    drawn.take({"t_sim": 0.0, "kind": "session", "robots": robots})
+    for half in range(60):
+        rows = [{"name": one["name"], "pos": [0.0, 0.0, 0.0]} for one in robots]
+        drawn.take({"t_sim": half / 2.0, "kind": "truth", "robots": rows})
+    stood = {name for name, way in drawn.robots.items() if way.standing.spans}
+    assert stood == {"A", "B"}
+
+
 def test_a_report(played: Path, tmp_path: Path) -> None:
     """One file without network, whose pictures are well formed; names are no markup."""
     folder = tmp_path / "run"

@@ -12,7 +12,7 @@ from toy_world import Plan, Toy
 from virtual_station import VirtualPage, VirtualStation
 
 from usarsim_operator import policies
-from usarsim_operator.ground import Disc, Ground
+from usarsim_operator.ground import Disc, Followed, Ground
 from usarsim_operator.navigation import FAR, FREE, WALL, Grid, distances, way
 from usarsim_operator.occupancy import CELL, OccupancyMap
 from usarsim_operator.roles import Role
@@ -146,6 +146,50 @@ def test_it_gets_out_of_the_way_of_who_walks() -> None:
         _go(policy, toy, map, 0.1, ground)
         nearest = min(nearest, math.dist((toy.x, toy.y), (5.0 - 0.5 * toy.time, 2.4)))
     assert nearest > 0.65
+
+
+def test_who_follows_somebody_stays_near_them() -> None:
+    """It goes to where it sees her, faces her and says why it stands; it comes after her as she
+    goes on, never touches her, and searches again when it is to follow nobody any more."""
+    map, toy, ground = OccupancyMap(), Toy(ROOMS, 1.0, 1.0, 0.7, speed=1.0), Ground()
+    policy = policies.make("search", ())
+    ground.keep_clear("Ada", Disc((8.2, 5.7), 0.5), 0.0)  # in the third room
+    ground.follow("R", "Ada", 2.0)
+    _go(policy, toy, map, 20.0, ground)
+    assert policy.why.startswith("no way leads to Ada")  # nobody has looked there
+    ground.follow("R", None, 0.0)
+    _go(policy, toy, map, 60.0, ground)
+    ground.follow("R", "Ada", 2.0)
+    places = _go(policy, toy, map, 60.0, ground)
+    for one in places[-100:]:
+        assert math.dist((one.x, one.y), (8.2, 5.7)) < 2.0
+        assert abs(math.remainder(math.atan2(5.7 - one.y, 8.2 - one.x) - one.yaw, math.tau)) < 0.35
+    part = np.linspace(0.0, 1.0, 100)
+    assert not ROOMS.wall(toy.x + (8.2 - toy.x) * part, toy.y + (5.7 - toy.y) * part).any()
+    assert policy.why == "it is to stay near Ada"
+    for count in range(40):  # she walks to the left
+        ground.keep_clear("Ada", Disc((8.2 - 0.1 * count, 5.7), 0.5), toy.time)
+        for one in _go(policy, toy, map, 0.5, ground):
+            assert math.dist((one.x, one.y), (8.2 - 0.1 * count, 5.7)) > 0.75
+    places = _go(policy, toy, map, 20.0, ground)
+    assert math.dist((toy.x, toy.y), (4.3, 5.7)) < 2.0
+    ground.follow("R", None, 0.0)
+    places = _go(policy, toy, map, 30.0, ground)
+    assert max(math.dist((one.x, one.y), (4.3, 5.7)) for one in places) > 3.0
+
+
+async def test_a_page_says_whom_a_robot_follows() -> None:
+    """Of whom `avoid` tells; null ends it; the place of somebody unknown is none."""
+    station = VirtualStation()
+    page, ground = VirtualPage(station, "Ada", Role.OPERATOR), station.autonomy.ground
+    station.spawned("R")
+    page.say("follow", robot="R", name="Eve", within=2.0)
+    assert ground.followed("R", 0.0) is None
+    page.say("avoid", name="Eve", place=[3.0, 1.0, 0.0], radius=0.5)
+    assert ground.followed("R", 0.0) == Followed("Eve", (3.0, 1.0), 2.0)
+    page.say("follow", robot="R", name=None, within=0.0)
+    assert ground.followed("R", 0.0) is None
+    await station.end()
 
 
 def test_who_is_lifted_stands_and_others_keep_away() -> None:

@@ -55,6 +55,19 @@ class Walker:
         return Disc((x + dx * after, y + dy * after), self.radius)
 
 
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """Somebody near whom a robot is to stay.
+
+    Attributes:
+        name: of them. place: where they are by now. within: m of them that the robot stays.
+    """
+
+    name: str
+    place: Place
+    within: float
+
+
 class Ground:
     """The shared knowledge of all robots of one station; times are simulated s."""
 
@@ -66,6 +79,7 @@ class Ground:
         self._risen: deque[Disc] = deque(maxlen=_MOST)
         self._robots: dict[str, Place] = {}
         self._visits: dict[tuple[int, int], float] = {}
+        self._follows: dict[str, tuple[str, float]] = {}
 
     def keep_clear(self, name: str, disc: Disc, time: float) -> None:
         """Note where a person was seen. Who walks leaves a trail of discs, and may come back.
@@ -80,6 +94,21 @@ class Ground:
         if len(trail) > 1 and math.dist(trail[-1][1].place, trail[-2][1].place) < _STEP:
             trail.pop()
         trail.append((time, disc))
+
+    def follow(self, robot: str, name: str | None, within: float) -> None:
+        """Let a robot stay within so many m of somebody; of nobody any more if name is None."""
+        if name is None:
+            self._follows.pop(robot, None)
+        else:
+            self._follows[robot] = name, within
+
+    def followed(self, robot: str, time: float) -> Followed | None:
+        """Near whom a robot is to stay; None if near nobody whose place is known."""
+        name, within = self._follows.get(robot, ("", 0.0))
+        if (trail := self._people.get(name)) is None:
+            return None
+        walker = _walker(trail, time)
+        return Followed(name, trail[-1][1].place if walker is None else walker.place, within)
 
     def mark(self, places: Iterable[Place]) -> None:
         """Replace the places of people that operators have marked."""
@@ -122,6 +151,7 @@ class Ground:
     def forget(self, robot: str) -> None:
         """Drop a robot that has left."""
         self._robots.pop(robot, None)
+        self._follows.pop(robot, None)
 
     def people(self, time: float) -> Iterator[Disc]:
         """Discs around all places where people are or may be: who walks has gone on since."""

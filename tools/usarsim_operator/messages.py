@@ -206,6 +206,7 @@ FIELDS: Mapping[str, Mapping[str, Check]] = {
     "mark_edit": {"mark": _whole, "place?": _place, **_STATUS},
     "mark_delete": {"mark": _whole},
     "avoid": {"name": _text(80), "place": _place, "radius": _number(0.0, 10.0)},
+    "follow": {**_ROBOT, "name": _or_none(_text(80)), "within": _number(0.0, 1000.0)},
     "acknowledge": {"alarm": _whole},
     "pace": {
         "action": _one_of("pause", "run", "step", "speed", "reset"),

@@ -74,6 +74,26 @@ class Grid:
         found: Cells = y**2 + x**2 <= radius**2
         return found
 
+    def sees(self, cells: Some, place: Place, apart: float) -> Cells:
+        """Whether no wall is between the middles of some cells and a place.
+
+        Args:
+            cells: which. place: of somebody, whom a scanner takes for a wall.
+            apart: m around the place in which walls do not count.
+        """
+        x, y = self._off(cells, place)
+        far = np.hypot(x, y)
+        parts = np.linspace(0.0, 1.0, 1 + math.ceil(far.max(initial=0.0) / CELL))[:, None]
+        rows, columns = (
+            np.clip(((start + part * parts - low) / CELL).astype(int), 0, most - 1)
+            for start, part, low, most in zip(
+                place[::-1], (y, x), self.corner[::-1], self.cells.shape, strict=True
+            )
+        )
+        between = (self.cells[rows, columns] == WALL) & (far * parts > apart)
+        found: Cells = ~between.any(axis=0)
+        return found
+
     def disc(self, place: Place, radius: float) -> tuple[Part, Cells]:
         """Which cells have their middles within `radius` m of a place.
 

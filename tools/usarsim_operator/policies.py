@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from usarsim_client import readings
 from usarsim_operator.evasion import Powers, evade
-from usarsim_operator.ground import Disc
+from usarsim_operator.ground import Disc, Followed
 from usarsim_operator.navigation import (
     FAR,
     WALL,
@@ -75,6 +75,7 @@ _OLDEST = 600.0  # simulated s since the last look that are worth something
 _PACE = 0.3  # m/s on the way there
 _GIVEN_UP, _WIDELY = 0.7, 1.5  # m around a frontier that is given up
 _RETRY = 120.0  # simulated s after which it tries again what it has given up
+_IN_SIGHT = 0.6  # m around somebody in which what the map has for a wall may be they
 _HELD = 0.3  # m within which it is still where it was stuck before
 _IN_ITS_WAY = "somebody, or another robot, is in its way"
 _FREEING = (None, (-CRUISE, -CRUISE), (CRUISE, CRUISE))
@@ -253,7 +254,7 @@ class _Traveller(Policy):
             self._anchor = None
             self._track.clear()
             self._due = min(self._due, view.time + _WAIT)
-            return self.at_rest
+            return self._rest(view)
         self.why = ""
         return self._follow(view)
 
@@ -288,10 +289,42 @@ class _Traveller(Policy):
                 view.ground.feel(view.time, place)
         return unseen
 
+    def _rest(self, view: View) -> Powers:
+        """What the wheels get while there is nowhere to go: it looks at whom it follows."""
+        if (followed := view.ground.followed(view.robot, view.time)) is None:
+            return self.at_rest
+        x, y, yaw = view.pose
+        aim = math.atan2(followed.place[1] - y, followed.place[0] - x)
+        error = math.remainder(aim - yaw, math.tau)
+        return _steer(error, 0.0) if abs(error) > _LEAST else (0.0, 0.0)
+
+    def _approach(
+        self, here: Place, grid: Grid, passable: Cells, followed: Followed, within: float
+    ) -> None:
+        """Go to the nearest place within so many m of somebody from which it sees them."""
+        steps = distances(passable, grid.cell(here))
+        part, around = grid.disc(followed.place, within)
+        rows, columns = np.nonzero(around & (steps[part] < FAR))
+        cells = rows + part[0].start, columns + part[1].start
+        far = np.where(grid.sees(cells, followed.place, _IN_SIGHT), steps[cells], FAR)
+        self.goal, self._way = None, []
+        self.why = f"no way leads to {followed.name}, near whom it is to stay"
+        if far.size and far.min() < FAR:
+            best = int(np.argmin(far))
+            self.go_to(grid, steps, (int(cells[0][best]), int(cells[1][best])))
+
     def _plan(self, view: View, arrived: bool) -> None:
-        """Choose where to go; shut in by what it has felt, it tries that again."""
+        """Choose where to go; shut in by what it has felt, it tries that again.
+
+        Who follows somebody and is near enough stays.
+        """
         here = view.pose[:2]
         grid = Grid(view.map.cells(), view.map.corner)
+        followed = view.ground.followed(view.robot, view.time)
+        if followed is not None and _is_with(grid, here, followed):
+            self.goal, self._way = None, []
+            self.why = f"it is to stay near {followed.name}"
+            return
         free = grid.passable(here, RADIUS, unknown=self.unknown)
         ground = view.ground
         for disc in (*ground.people(view.time), *ground.others(view.robot), *ground.risen()):
@@ -308,7 +341,10 @@ class _Traveller(Policy):
             passable[grid.cell(here)] = True
             if remembered and space(passable, grid.cell(here)) < _ROOMY:
                 continue
-            self.choose(view, grid, passable)
+            if followed is None:
+                self.choose(view, grid, passable)
+            else:
+                self._approach(here, grid, passable, followed, followed.within - _CLOSE)
             if self.goal is not None:
                 return
 
@@ -544,6 +580,14 @@ def _meets(view: View, off: float) -> bool:
         return far < disc.radius + _CLEAR and far < math.dist((x, y), disc.place)
 
     return any(map(nears, (*view.ground.people(view.time), *view.ground.others(view.robot))))
+
+
+def _is_with(grid: Grid, here: Place, followed: Followed) -> bool:
+    """Whether it is near enough to whom it follows, and sees them."""
+    row, column = grid.cell(here)
+    cell = np.array([row]), np.array([column])
+    near = math.dist(here, followed.place) <= followed.within
+    return near and bool(grid.sees(cell, followed.place, _IN_SIGHT)[0])
 
 
 def _backs_into_wall(view: View, off: float) -> bool:

@@ -58,6 +58,7 @@ class Desk:
             "mark_edit": self._mark_edit,
             "mark_delete": self._mark_delete,
             "avoid": self._avoid,
+            "follow": self._follow,
             "acknowledge": self._acknowledge,
             "lines": self._lines,
             **Instructing(station).handlers,
@@ -445,6 +446,10 @@ class Desk:
         x, y, _ = fields["place"]
         ground, disc = self._station.autonomy.ground, Disc((x, y), fields["radius"])
         ground.keep_clear(fields["name"], disc, self._station.time)
+
+    def _follow(self, page: Page, fields: Fields, request: Request) -> None:
+        robot, ground = self._allowed(page, fields).name, self._station.autonomy.ground
+        ground.follow(robot, fields["name"], fields["within"])
 
     def _acknowledge(self, page: Page, fields: Fields, request: Request) -> None:
         if not self._station.alarms.acknowledge(fields["alarm"]):

@@ -15,7 +15,7 @@ from usarsim_exploration.reporting.pictures import Look, axes_of, picture_of
 from usarsim_exploration.reporting.runs import DISCS, GRID
 from usarsim_report.page import Page
 from usarsim_report.svg import MUTED
-from usarsim_report.wording import NONE, interval, number
+from usarsim_report.wording import NONE, interval, number, with_unit
 
 PICTURED = 12
 """Settings whose curves are drawn; of more there are the numbers."""
@@ -121,7 +121,7 @@ def _costs(page: Page, found: Agreement, where: str) -> None:
     for pair in found.pairs:
         strategies = [name for name in pair.real.runs if name in pair.grid.runs]
         rows = [
-            [f"{title(name)} ({MEASURES[name].unit})"]
+            [with_unit(title(name), MEASURES[name].unit)]
             + [number(values[one]) if one in values else NONE for one in strategies]
             for name, values in costs(pair.real).items()
         ]

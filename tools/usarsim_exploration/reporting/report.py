@@ -27,7 +27,7 @@ from usarsim_exploration.reporting.ranking import ALPHA, Pair
 from usarsim_exploration.reporting.runs import Run, Source
 from usarsim_exploration.reporting.survival import log_rank
 from usarsim_report.page import Page
-from usarsim_report.wording import NONE, interval, number, p_told, p_value, span
+from usarsim_report.wording import NONE, interval, number, p_told, p_value, span, with_unit
 from usarsim_server.base.files import write_text
 
 PICTURED = 24
@@ -213,7 +213,7 @@ def _numbers(page: Page, group: Group) -> None:
     rows = []
     for measure, found in groupby(group.cells.values(), lambda cell: cell.measure):
         unit = MEASURES[measure].unit
-        rows.append([title(measure) + (f" ({unit})" if unit != "1" else ""), *[""] * 6])
+        rows.append([with_unit(title(measure), unit), *[""] * 6])
         for cell in found:
             known = cell.low is not None and cell.high is not None
             rows.append(
@@ -345,6 +345,10 @@ def _methods(page: Page, found: Comparison) -> None:
         "about settings like them. The log-rank test leaves the pairing out."
     )
     page.table(
-        ("Measure", "Definition", "Unit"),
-        [[title(name), one.definition, one.unit] for name, one in MEASURES.items() if name in told],
+        ("Measure", "Definition"),
+        [
+            [with_unit(title(name), one.unit), one.definition]
+            for name, one in MEASURES.items()
+            if name in told
+        ],
     )

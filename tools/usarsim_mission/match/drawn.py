@@ -30,12 +30,14 @@ class Way:
     """One robot.
 
     Attributes:
+        kind: its class. drives: whether it can, or is built to stay where it is.
         path: places, thinned. way: m. moving: s.
         modes, cuts, chosen: times in a mode, without a link, and chosen by an operator.
         touches: times of collisions, and whether with a victim. standing: when it stood, and why.
     """
 
     kind: str = ""
+    drives: bool = True
     path: list[tuple[float, float]] = field(default_factory=list)
     way: float = 0.0
     moving: float = 0.0
@@ -109,12 +111,15 @@ class Drawn:
             case "session":
                 self.session = record
                 for one in record.get("robots") or ():
-                    self._robot(one["name"]).kind = str(one.get("class", ""))
+                    robot = self._robot(one["name"])
+                    robot.kind = str(one.get("class", ""))
+                    robot.drives = one.get("drives") is not False
             case "truth":
                 for row in record["robots"]:
                     robot = self._robot(row["name"])
                     robot.row(time, row.get("pos"), row.get("linear"))
-                    robot.standing.row(time, row, self._stopped)
+                    if robot.drives:
+                        robot.standing.row(time, row, self._stopped)
             case "estop":
                 self._stopped = bool(record["on"])
             case "score":

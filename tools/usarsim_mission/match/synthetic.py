@@ -7,7 +7,8 @@ fails, and how far off the mark is. All that is drawn comes from a seed. What fo
 the gateway as the texts of a page.
 
 Robots are also told to keep clear of the people that any of their cameras sees, whether or not the
-operator looks at that picture.
+operator looks at that picture. Where a victim counts only while a robot is near, each robot is told
+to stay with somebody whom it sees and with whom no other stays, until it has lost them.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from typing import Any
 
 from usarsim_client import frames
 from usarsim_client.scene import TruthRow
+from usarsim_client.truth import View
+from usarsim_mission.scoring import VictimRules
 from usarsim_operator.ground import PERSON
 from usarsim_server.base.fields import field
 
@@ -28,6 +31,8 @@ LOW = 0.6
 REACH = (0.5, PERSON)
 """m from the pelvis to hands and feet of who stands, and of who does not."""
 _MOVED = 0.2  # m after which robots are told anew
+_LOST = 20.0  # simulated s without a sight after which a robot stays with somebody no more
+_SURELY = 0.8  # of the distance at which somebody is recognised, or counts, within which it stays
 
 Text = Mapping[str, Any]
 """What a page says, without its clock."""
@@ -54,9 +59,18 @@ class Skill:
 class SyntheticOperator:
     """Decides; knows no gateway."""
 
-    def __init__(self, skill: Skill, robots: list[str], seed: int) -> None:
-        """Look at robots in this order."""
+    def __init__(
+        self,
+        skill: Skill,
+        robots: list[str],
+        seed: int,
+        rules: VictimRules = VictimRules(),  # noqa: B008 - it is frozen
+    ) -> None:
+        """Look at robots in this order; rules: what makes a victim found."""
         self._skill, self._robots = skill, robots
+        self._within = _within(skill, rules)
+        self._pairs = rules.pairs
+        self._follows: dict[str, tuple[str, float]] = {}
         self._random = random.Random(seed)
         self._chosen, self._since = -1, -math.inf
         self._sights: dict[str, float] = {}
@@ -81,6 +95,7 @@ class SyntheticOperator:
             if view.clear and view.angle <= half and view.distance <= skill.range
         ]
         yield from self._keep_clear(row, {view.victim for view in seen})
+        yield from self._stay_near(row, seen)
         there = {view.victim for view in seen if view.robot == robot}
         for victim in [one for one in self._sights if one not in there]:
             del self._sights[victim]
@@ -104,8 +119,48 @@ class SyntheticOperator:
                 radius = REACH[one.pos[2] < LOW]
                 yield {"type": "avoid", "name": one.name, "place": place, "radius": radius}
 
+    def _stay_near(self, row: TruthRow, seen: list[View]) -> Iterator[Text]:
+        """With whom robots stay from now on."""
+        if self._within is None:
+            return
+        sights = {(view.robot, view.victim) for view in seen}
+        for robot, (victim, since) in list(self._follows.items()):
+            if (robot, victim) in sights:
+                self._follows[robot] = victim, row.time
+            elif row.time - since > _LOST:
+                del self._follows[robot]
+                yield {"type": "follow", "robot": robot, "name": None, "within": 0.0}
+        for view in sorted(seen, key=lambda one: one.distance):
+            if view.robot not in self._follows and not self._has_company(row, view.victim):
+                self._follows[view.robot] = view.victim, row.time
+                said = {"robot": view.robot, "name": view.victim}
+                yield {"type": "follow", **said, "within": self._within}
+
+    def _has_company(self, row: TruthRow, victim: str) -> bool:
+        """Whether a robot that stays makes somebody count already."""
+        if victim in {name for name, _ in self._follows.values()}:
+            return True
+        x, y, _ = next(one.pos for one in row.victims if one.name == victim)
+        return not self._pairs and any(
+            math.dist((x, y), robot.pos[:2]) <= (self._within or 0.0)
+            for robot in row.robots
+            if robot.name in self._follows
+        )
+
     def _mark(self, row: TruthRow, robot: str, victim: str) -> Text:
         x, y, z = next(one.pos for one in row.victims if one.name == victim)
         dx, dy = (self._random.gauss(0.0, self._skill.error) for _ in range(2))
         place = frames.flip((x + dx, y + dy, z))
         return {"type": "mark", "robot": robot, "place": [round(one, 3) for one in place]}
+
+
+def _within(skill: Skill, rules: VictimRules) -> float | None:
+    """m within which robots stay of victims; None where a victim stays found without them."""
+    if rules.sticky or rules.credit == "mark":
+        return None
+    near = _SURELY * skill.range
+    if rules.credit == "view":
+        return near
+    # In pairs a robot may count for the victim of another. At a third of the radius that one then
+    # reaches the victim which is left over.
+    return min(near, rules.radius * (1.0 / 3.0 if rules.pairs else _SURELY))

@@ -220,7 +220,11 @@ class Trial:
                 split=dict(self._conditions.split or {}),
                 operators=self._operators(),
                 robots=[
-                    {"name": one.entry.name, "class": one.description.name}
+                    {
+                        "name": one.entry.name,
+                        "class": one.description.name,
+                        "drives": one.description.kind != "static",
+                    }
                     for one in self._staged.robots
                 ],
                 **self._conditions.facts,
@@ -402,7 +406,8 @@ class Trial:
             return
         if self._operator is None:
             names = [robot.entry.name for robot in self._staged.robots]
-            self._operator = SyntheticOperator(skill, names, self._staged.scenario.seed)
+            rules, seed = self._staged.rules.victims, self._staged.scenario.seed
+            self._operator = SyntheticOperator(skill, names, seed, rules)
             page = Page(self._station.new_id(), "Synthetic", Role.OPERATOR, None, 0.0)
             page.cameras_off.update(names)  # it sees what is true
             page.lasers_off.update(names)
