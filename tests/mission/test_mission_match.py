@@ -167,6 +167,19 @@ def test_who_counts_only_while_a_robot_is_near(rules: VictimRules, within: float
         assert (time, leaves["name"]) == (30.0, None)  # last seen at 9.5
 
 
+def test_who_stays_put_is_surer_than_who_walks() -> None:
+    """A robot that stays with somebody who walks leaves them for who does not, and not back."""
+    operator = SyntheticOperator(Skill(), ["R1"], 7, _NEAR)
+    ada, ben = ("R1", "Ada", 0.1, 3.0, True), ("R1", "Ben", 0.1, 4.0, True)
+    told = []
+    for count in range(30):
+        row = _row(0.5 * count, ada, *([ben] if count > 15 else []))
+        walks = {"name": "Ada", "pos": [4.0 + 0.3 * count, 1.0, 0.9]}
+        row = truth_row({**row.fields, "victims": [walks, row.fields["victims"][1]]})
+        told += [one for one in _say(operator, [row]) if one[1]["type"] == "follow"]
+    assert [(time, one["name"]) for time, one in told] == [(0.0, "Ada"), (8.0, "Ben")]
+
+
 def test_in_pairs_each_robot_stays_with_somebody_else() -> None:
     """Where one robot makes several count, the next one searches on; in pairs it stays, too."""
     views = ("R1", "Ada", 0.1, 3.0, True), ("R2", "Ben", 0.1, 4.0, True)

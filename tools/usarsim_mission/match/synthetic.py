@@ -8,7 +8,8 @@ the gateway as the texts of a page.
 
 Robots are also told to keep clear of the people that any of their cameras sees, whether or not the
 operator looks at that picture. Where a victim counts only while a robot is near, each robot is told
-to stay with somebody whom it sees and with whom no other stays, until it has lost them.
+to stay with somebody whom it sees and with whom no other stays, until it has lost them; one that
+stays with somebody who walks leaves them for somebody who does not.
 """
 
 from __future__ import annotations
@@ -71,6 +72,7 @@ class SyntheticOperator:
         self._within = _within(skill, rules)
         self._pairs = rules.pairs
         self._follows: dict[str, tuple[str, float]] = {}
+        self._walk: set[str] = set()
         self._random = random.Random(seed)
         self._chosen, self._since = -1, -math.inf
         self._sights: dict[str, float] = {}
@@ -115,6 +117,8 @@ class SyntheticOperator:
             before = self._clear.get(one.name)
             if one.name in seen and (before is None or math.dist(before, one.pos) > _MOVED):
                 self._clear[one.name] = tuple(one.pos)
+                if before is not None:
+                    self._walk.add(one.name)
                 place = [round(part, 3) for part in frames.flip(one.pos)]
                 radius = REACH[one.pos[2] < LOW]
                 yield {"type": "avoid", "name": one.name, "place": place, "radius": radius}
@@ -131,7 +135,9 @@ class SyntheticOperator:
                 del self._follows[robot]
                 yield {"type": "follow", "robot": robot, "name": None, "within": 0.0}
         for view in sorted(seen, key=lambda one: one.distance):
-            if view.robot not in self._follows and not self._has_company(row, view.victim):
+            with_whom, _ = self._follows.get(view.robot, (None, 0.0))
+            surer = with_whom in self._walk and view.victim not in self._walk
+            if (with_whom is None or surer) and not self._has_company(row, view.victim):
                 self._follows[view.robot] = view.victim, row.time
                 said = {"robot": view.robot, "name": view.victim}
                 yield {"type": "follow", **said, "within": self._within}
