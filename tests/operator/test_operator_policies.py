@@ -135,6 +135,17 @@ def test_who_walks_is_expected_to_go_on() -> None:
     assert [disc.place[0] for disc in ground.people(30.0)] == [8.0]  # she may be back
 
 
+def test_a_mark_of_who_walks_shuts_no_corridor() -> None:
+    """She was marked where she stood, and has gone on since; marks of others keep their places."""
+    ground = Ground()
+    _walk(ground, 0.0, 2.0)
+    ground.mark([(2.0, 4.4), (7.0, 4.4)])
+    assert {disc.place for disc in ground.still(0.0)} == {(2.0, 4.7), (2.0, 4.4), (7.0, 4.4)}
+    _walk(ground, 0.8, 2.0)
+    ground.mark([(2.0, 4.4), (7.0, 4.4)])
+    assert [disc.place for disc in ground.still(0.8)] == [(7.0, 4.4)]
+
+
 def test_it_gets_out_of_the_way_of_who_walks() -> None:
     """Who walks does not stop for a robot; it does more than to stop before her."""
     map, toy, ground = OccupancyMap(), Toy(ROOMS, 2.0, 2.4, 0.0), Ground()

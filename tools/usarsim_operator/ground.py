@@ -80,6 +80,7 @@ class Ground:
         self._robots: dict[str, Place] = {}
         self._visits: dict[tuple[int, int], float] = {}
         self._follows: dict[str, tuple[str, float]] = {}
+        self._walked: set[tuple[int, int]] = set()
 
     def keep_clear(self, name: str, disc: Disc, time: float) -> None:
         """Note where a person was seen. Who walks leaves a trail of discs, and may come back.
@@ -94,6 +95,8 @@ class Ground:
         if len(trail) > 1 and math.dist(trail[-1][1].place, trail[-2][1].place) < _STEP:
             trail.pop()
         trail.append((time, disc))
+        if len(trail) > 1 and math.dist(trail[0][1].place, disc.place) > _STEP:
+            self._walked |= {_tile(one.place) for _, one in trail}
 
     def follow(self, robot: str, name: str | None, within: float) -> None:
         """Let a robot stay within so many m of somebody; of nobody any more if name is None."""
@@ -111,8 +114,18 @@ class Ground:
         return Followed(name, trail[-1][1].place if walker is None else walker.place, within)
 
     def mark(self, places: Iterable[Place]) -> None:
-        """Replace the places of people that operators have marked."""
-        self._marked = [Disc(place, PERSON) for place in places]
+        """Replace the places of people that operators have marked.
+
+        A mark beside the way of somebody who was seen to walk is theirs: they are not there any
+        more, and their trail tells where they are.
+        """
+        self._marked = [Disc(place, PERSON) for place in places if not self._is_way(place)]
+
+    def _is_way(self, place: Place) -> bool:
+        """Whether somebody who walks was seen within a tile of a place."""
+        row, column = _tile(place)
+        around = itertools.product((row - 1, row, row + 1), (column - 1, column, column + 1))
+        return not self._walked.isdisjoint(around)
 
     def feel(self, time: float, place: Place) -> None:
         """Note a place where something stopped or tilted a robot.
