@@ -18,7 +18,7 @@ from usarsim_study import report, tables
 from usarsim_study.analysis import Analysis, analyse
 from usarsim_study.dataset import collect
 from usarsim_study.folder import StudyFolder
-from usarsim_study.plots import forest
+from usarsim_study.plots import forest, primary
 from usarsim_study.synthetic import STUDY, Plan, make_study
 
 PLANTED = Plan(20, effect=1.0, aborted=1, excluded=1, skipped=1)
@@ -169,6 +169,17 @@ class TestContents:
         flat = replace(outcome, comparisons=(replace(outcome.comparisons[0], result=zero),))
         svg = forest([analysis.outcomes[0], flat])
         assert outcome.measure.title in svg
+
+    def test_no_range_of_hundredths_around_equal_values(self, analysis: Analysis) -> None:
+        """Where nobody found any, or all the same, axes tell no parts of victims, none below 0."""
+        outcome = analysis.outcomes[0]
+        for value, ticks in ((0.0, {"0.0", "1.0"}), (3.0, {"0", "6"})):
+            cells = [replace(one, values={"A": value}, summary=None) for one in outcome.cells]
+            svg = primary(replace(outcome, cells=tuple(cells), comparisons=()), True)
+            told = set(re.findall(r">([^<\n]+)</text>", svg))
+            assert told >= ticks
+            assert "−0.02" not in told
+            assert {"−1.00", "1.00"} <= told  # differences that are all 0
 
     def test_identifiers_are_unique(self, planted: Path) -> None:
         """Several pictures on one page do not share definitions."""

@@ -192,6 +192,10 @@ def _cells(axes: Axes, outcome: Outcome, within: bool, *, labelled: bool) -> Non
         _mean(axes, at + 0.29, cell, labelled)
     axes.set_xticks(range(len(outcome.cells)), [cell.title for cell in outcome.cells])
     axes.set_xlim(-0.5, len(outcome.cells) - 0.5)
+    values = {value for cell in outcome.cells for value in cell.values.values()} - {None}
+    if len(values) == 1:  # else the range would be hundredths around it, below zero for a count
+        top = 2.0 * (values.pop() or 0.5)
+        axes.set_ylim(*sorted((-0.05 * top, top)))
     if labelled:
         axes.set_ylabel(with_unit(outcome.measure.title, outcome.measure.unit))
 
@@ -238,6 +242,8 @@ def _differences(axes: Axes, outcome: Outcome) -> None:
             color=MUTED,
             fontsize=7.5,
         )
+    if not any(found):
+        axes.set_xlim(-1.0, 1.0)
     axes.set_ylim(1.7 * below, len(found))
     axes.set_yticks([])
     axes.spines["left"].set_visible(False)
@@ -254,6 +260,8 @@ def _intervals(axes: Axes, outcome: Outcome) -> None:
             axes.plot(ends, (place, place), color=INK, linewidth=1.8)
         axes.plot(one.result.mean, place, "D", color=INK, markersize=5.0)
     names = [f"{titles[one.second]} − {titles[one.first]}" for one in outcome.comparisons]
+    if not any(one.result.mean for one in outcome.comparisons):
+        axes.set_xlim(-1.0, 1.0)
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0.0, labelcolor=INK)
