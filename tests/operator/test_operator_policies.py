@@ -135,6 +135,23 @@ def test_who_walks_is_expected_to_go_on() -> None:
     assert [disc.place[0] for disc in ground.people(30.0)] == [8.0]  # she may be back
 
 
+@pytest.mark.parametrize(("yaw", "way"), [(math.pi / 2.0, 1.0), (0.2, -1.0), (math.pi, 1.0)])
+def test_who_slid_too_near_goes_away_before_it_turns(yaw: float, way: float) -> None:
+    """Its corners would touch somebody if it turned where it stands; then it turns."""
+    map, toy, ground = OccupancyMap(), Toy(ROOMS, 2.4, 2.4, yaw), Ground()
+    view = _view(toy, map, ground)
+    assert view.scan is not None
+    map.add(view.pose, view.scan.bearings, view.scan.ranges, 8.0)
+    policy = policies.make("patrol", ((1.0, 4.7), (1.0, 4.7)))
+    for far, straight in ((1.24, True), (1.3, False)):
+        ground = Ground()
+        ground.keep_clear("Ada", Disc((2.4 + far, 2.4), 0.95), 0.0)
+        policy._wanted = lambda _: (0.5, -0.5)  # type: ignore[attr-defined]
+        left, right = policy.powers(replace(view, ground=ground))
+        assert (left == right) == straight
+        assert not straight or math.copysign(1.0, left) == way
+
+
 def test_a_mark_of_who_walks_shuts_no_corridor() -> None:
     """She was marked where she stood, and has gone on since; marks of others keep their places."""
     ground = Ground()

@@ -68,6 +68,7 @@ _RISES, _JUMPS, _RISEN = 0.05, 1.0, 0.03  # m/s from and to which, and m by whic
 _LEVEL = 0.05  # rad from upright at which it does not climb by itself
 _CAREFUL = 1.2, 0.7  # m from what was felt to its middle at which it has this power ahead at most
 _CLEAR = 0.38  # m from its middle to what it must not touch, beside how far that reaches
+_SWING = 0.33  # m from its middle to what its corners may touch while it turns on the spot
 _NEXT = 0.3  # m: as far on it looks whether it would touch somebody
 _STRIDE = 8  # cells between two places that are worth another look
 _NEW = 1.5  # m to the nearest of them
@@ -200,6 +201,8 @@ class _Traveller(Policy):
             self._due = min(self._due, view.time + _WAIT)
             turn = (left - right) / 2.0 or math.copysign(0.5, self._side)
             left, right = turn, -turn
+        if abs(left + right) < _LEAST and (off := _way_out(view)):
+            left = right = math.copysign(_LEAST, off)
         evades = evade(view, (left, right))
         if evades != (left, right):
             self.why, self._back, self._due = _IN_ITS_WAY, -math.inf, view.time
@@ -588,6 +591,26 @@ def _is_with(grid: Grid, here: Place, followed: Followed) -> bool:
     cell = np.array([row]), np.array([column])
     near = math.dist(here, followed.place) <= followed.within
     return near and bool(grid.sees(cell, followed.place, _IN_SIGHT)[0])
+
+
+def _way_out(view: View) -> float:
+    """m on, or back, that lead away from somebody too near to turn beside; 0 if there is nobody.
+
+    Robots slide and swing as they stop, so one may come nearer than ways lead.
+    """
+    x, y, yaw = view.pose
+    near = [
+        disc
+        for disc in view.ground.people(view.time)
+        if math.dist((x, y), disc.place) < disc.radius + _SWING
+    ]
+    for off in (_NEXT, -_NEXT):
+        there = x + off * math.cos(yaw), y + off * math.sin(yaw)
+        away = all(math.dist(there, one.place) > math.dist((x, y), one.place) for one in near)
+        shut = _free(view.scan) < _NEXT if off > 0.0 else _backs_into_wall(view, off)
+        if near and away and not shut and not _meets(view, off):
+            return off
+    return 0.0
 
 
 def _backs_into_wall(view: View, off: float) -> bool:
