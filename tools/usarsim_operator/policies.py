@@ -201,7 +201,7 @@ class _Traveller(Policy):
             self._due = min(self._due, view.time + _WAIT)
             turn = (left - right) / 2.0 or math.copysign(0.5, self._side)
             left, right = turn, -turn
-        if abs(left + right) < _LEAST and (off := _way_out(view)):
+        if abs(left - right) > _LEAST and (off := _way_out(view)):
             left = right = math.copysign(_LEAST, off)
         evades = evade(view, (left, right))
         if evades != (left, right):
