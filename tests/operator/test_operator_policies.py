@@ -146,7 +146,7 @@ def test_who_slid_too_near_goes_away_before_it_turns(yaw: float, way: float) -> 
     for far, straight in ((1.24, True), (1.3, False)):
         ground = Ground()
         ground.keep_clear("Ada", Disc((2.4 + far, 2.4), 0.95), 0.0)
-        policy._wanted = lambda _: (0.5, -0.5)  # type: ignore[attr-defined]
+        policy._wanted = lambda _: (-0.59, 0.9)  # type: ignore[attr-defined]
         left, right = policy.powers(replace(view, ground=ground))
         assert (left == right) == straight
         assert not straight or math.copysign(1.0, left) == way
