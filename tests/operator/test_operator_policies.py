@@ -161,6 +161,23 @@ def test_a_mark_of_who_walks_shuts_no_corridor() -> None:
     _walk(ground, 0.8, 2.0)
     ground.mark([(2.0, 4.4), (7.0, 4.4)])
     assert [disc.place for disc in ground.still(0.8)] == [(7.0, 4.4)]
+    assert [disc.place for disc in ground.left()] == [(2.0, 4.4)]
+
+
+@pytest.mark.parametrize("corridor", [True, False])
+def test_ways_keep_clear_of_where_somebody_walked_unless_that_shuts_them(corridor: bool) -> None:
+    """In a door the mark would shut a robot in; in a room it is gone round."""
+    map, toy, ground = OccupancyMap(), Toy(ROOMS, 1.0, 2.4, 0.0, speed=1.0), Ground()
+    x, y = (4.7, 2.4) if corridor else (2.7, 1.2)
+    for count, time in enumerate((0.0, 1.0)):
+        ground.keep_clear("Ada", Disc((x, y + 0.4 * count), 0.1), time)
+    ground.mark([(x, y)])
+    toy.time = 100.0
+    ground.keep_clear("Ada", Disc((0.7, 5.6), 0.1), 99.0)  # she is elsewhere
+    places = _go(policies.make("explore", ()), toy, map, 60.0, ground)
+    assert max(one.x for one in places) > 6.0
+    near = min(math.dist((one.x, one.y), (x, y)) for one in places)
+    assert (near < 0.6) == corridor
 
 
 def test_it_gets_out_of_the_way_of_who_walks() -> None:

@@ -74,6 +74,7 @@ class Ground:
     def __init__(self) -> None:
         self._people: dict[str, deque[tuple[float, Disc]]] = {}
         self._marked: list[Disc] = []
+        self._left: list[Disc] = []
         self._felt: deque[tuple[float, Place]] = deque(maxlen=_MOST)
         self._between: deque[tuple[float, Place]] = deque(maxlen=_MOST)
         self._risen: deque[Disc] = deque(maxlen=_MOST)
@@ -114,12 +115,17 @@ class Ground:
         return Followed(name, trail[-1][1].place if walker is None else walker.place, within)
 
     def mark(self, places: Iterable[Place]) -> None:
-        """Replace the places of people that operators have marked.
+        """Replace the places of people that operators have marked."""
+        self._marked, self._left = [], []
+        for place in places:
+            (self._left if self._is_way(place) else self._marked).append(Disc(place, PERSON))
 
-        A mark beside the way of somebody who was seen to walk is theirs: they are not there any
-        more, and their trail tells where they are.
+    def left(self) -> Iterator[Disc]:
+        """Discs around marks beside the way of somebody who was seen to walk.
+
+        They are theirs: they have gone on, and may come back; their trail tells where they are.
         """
-        self._marked = [Disc(place, PERSON) for place in places if not self._is_way(place)]
+        return iter(self._left)
 
     def _is_way(self, place: Place) -> bool:
         """Whether somebody who walks was seen within a tile of a place."""

@@ -59,6 +59,7 @@ _STEPS_BACK, _STEP_BACK, _AS_WIDE = 100, 0.2, 0.15  # places of the way it came,
 _REMEMBERED = ((300.0, 0.6), (300.0, 0.4), (20.0, 0.4), (0.0, 0.4))
 """Simulated s after which what was felt counts no more, and m around it where its middle does not
 go; if shut in by it, the next."""
+_MOST_OF = 0.8  # of the floor that it gets to without keeping clear of where somebody was
 _ROOMY = 8.0  # m2 that it gets to at least, or it is shut in
 _BESIDE = 0.8  # rad to either side in which what it has begun to climb goes on
 _BACK = 1.5  # simulated s of backing off
@@ -334,6 +335,12 @@ class _Traveller(Policy):
             room = math.dist(here, disc.place) - 0.1  # who is inside may leave, and come no nearer
             if room > 0.0:
                 grid.leave_out(free, disc.place, min(disc.radius + _CLEAR, room))
+        clear, cell = free.copy(), grid.cell(here)
+        for disc in ground.left():
+            grid.leave_out(clear, disc.place, disc.radius + _CLEAR)
+        clear[cell] = free[cell] = True
+        if space(clear, cell) > _MOST_OF * space(free, cell):
+            free = clear  # else it would be shut off by who is not there
         for remembered, around in _REMEMBERED:
             passable = free.copy()
             for place in view.ground.felt(view.time - remembered):
