@@ -168,7 +168,7 @@ def test_a_mark_of_who_walks_shuts_no_corridor() -> None:
 def test_ways_keep_clear_of_where_somebody_walked_unless_that_shuts_them(corridor: bool) -> None:
     """In a door the mark would shut a robot in; in a room it is gone round."""
     map, toy, ground = OccupancyMap(), Toy(ROOMS, 1.0, 2.4, 0.0, speed=1.0), Ground()
-    x, y = (4.7, 2.4) if corridor else (2.7, 1.2)
+    x, y = (4.7, 2.4) if corridor else (2.5, 2.1)
     for count, time in enumerate((0.0, 1.0)):
         ground.keep_clear("Ada", Disc((x, y + 0.4 * count), 0.1), time)
     ground.mark([(x, y)])
