@@ -339,8 +339,8 @@ class _Traveller(Policy):
         for disc in ground.left():
             grid.leave_out(clear, disc.place, disc.radius + _CLEAR)
         clear[cell] = free[cell] = True
-        there = float(np.count_nonzero(free & ~clear)) * CELL**2
-        if space(clear, cell) + there > _MOST_OF * space(free, cell):
+        covered = float(np.count_nonzero(free & ~clear)) * CELL**2
+        if space(clear, cell) + covered > _MOST_OF * space(free, cell):
             free = clear  # else it would be shut off by who is not there
         for remembered, around in _REMEMBERED:
             passable = free.copy()
