@@ -6,8 +6,6 @@ import argparse
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
-from usarsim_server.base.tables import nearest
-
 GROUPS: Mapping[str, Sequence[str]] = {
     "Try and look": ("demo", "console", "watch", "film"),
     "Serve": ("serve", "worlds", "robots", "import", "snapshot"),
@@ -39,7 +37,7 @@ class CommandParser(argparse.ArgumentParser):
             return
         kind = "command" if isinstance(action, argparse._SubParsersAction) else "choice"
         known = [str(choice) for choice in action.choices]
-        near = nearest(str(value), known)
+        near = _nearest(str(value), known)
         cure = f"did you mean {near}?" if near else f"known are {', '.join(known)}"
         raise argparse.ArgumentError(
             action if action.option_strings else None, f"unknown {kind} {value!r} ({cure})"
@@ -59,7 +57,7 @@ class CommandParser(argparse.ArgumentParser):
             self.error(f"too many words: {' '.join(rest)}")
         option = unknown.partition("=")[0]
         known = (one[2:] for one in self._option_string_actions if one.startswith("--"))
-        near = nearest(option.lstrip("-"), known)
+        near = _nearest(option.lstrip("-"), known)
         self.error(f"unknown option {option}" + (f" (did you mean --{near}?)" if near else ""))
 
     def _called(self, words: Sequence[str]) -> Iterable[CommandParser]:
@@ -93,3 +91,10 @@ class ProgramParser(CommandParser):
                 parts.append(f"{title}\n{''.join(lines)}")
         parts.append("Options\n  -h, --help     this overview\n  -V, --version  the version\n")
         return "\n".join(parts)
+
+
+def _nearest(word: str, known: Iterable[str]) -> str | None:
+    """The known word that is most similar; what finds it is loaded only for a wrong word."""
+    from usarsim_server.base.tables import nearest
+
+    return nearest(word, known)
