@@ -1,4 +1,4 @@
-"""What a client gets wrong stands in the log: once, with what was probably meant."""
+"""The log says once what a client gets wrong, and what was probably meant."""
 
 from __future__ import annotations
 
@@ -52,7 +52,9 @@ def test_mistakes_are_logged_once(
     assert warning.startswith(f"not as asked: {told}")
 
 
-def test_who_has_no_robot(connection: RehearsedClient, caplog: pytest.LogCaptureFixture) -> None:
+def test_client_without_a_robot(
+    connection: RehearsedClient, caplog: pytest.LogCaptureFixture
+) -> None:
     """A command before INIT does nothing; INIT of an unknown class is not told twice."""
     connection.send("DRIVE {Left 1} {Right 1}")
     assert _told(caplog) == ["not as asked: ignored: no robot yet (request Drive)"]

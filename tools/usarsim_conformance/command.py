@@ -150,12 +150,12 @@ def _classes(text: str) -> list[str]:
     if text.lower() == "all":
         return known
     classes = [name.strip() for name in text.split(",") if name.strip()]
-    plain = {name.lower() for name in known}
+    lower = {name.lower() for name in known}
     for name in classes:
-        if name.lower().removeprefix("usarbot.") not in plain:
-            raise UsarsimError(
-                f"--robot: there is no robot class {name!r} ({suggest(name, known)})"
-            )
+        plain = name.rpartition(".")[2]
+        if plain.lower() not in lower:
+            cure = suggest(plain, known)
+            raise UsarsimError(f"--robot: there is no robot class {name!r} ({cure})")
     return classes
 
 

@@ -170,8 +170,10 @@ async def judge(run: Run, check: Check, dialect: str, gives_up: float = _GIVES_U
 async def _wait_for_simulated(
     clock: SimulatedClock, gives_up: float, limit: asyncio.Timeout
 ) -> None:
-    """Put a limit of wall time off for as long as simulated time lags behind: a machine that is
-    busy is no check that hangs. A server whose time stands still is told by the clock."""
+    """Put off a limit of wall time for as long as simulated time lags behind.
+
+    A busy machine does not make a check hang. A clock that stands still raises `Stalled` by itself.
+    """
     begun, loop = clock.now, asyncio.get_running_loop()
     while True:
         await asyncio.sleep(gives_up / 4.0)

@@ -359,13 +359,13 @@ async def camera_robot(case: Case, class_name: str = "", place: Place | None = N
                 holder.close()
                 await case.clock.sleep(LEAVES)
             return CameraRobot(robot, tiles, conf)
-        # A robot is told this tile if all are taken; most often the robot that tells the time has
-        # it, which has a camera as well.
+        # The robot that tells the time has a camera too, and usually this tile, which the server
+        # also names when all tiles are taken.
         if case.clock.now > latest:
             raise Crowded("the robot has no tile of its own: they may have run out")
         robot.close()
         await case.clock.sleep(LEAVES)
         if holder is None and not case.run.is_beside:
-            # Nobody else wants tiles: this one may be free, since the robot that tells the time
-            # came anew and took another. Somebody has to hold it meanwhile.
+            # No other check runs, so this tile may be free: the robot that tells the time has
+            # come anew and taken another one. A second robot holds it meanwhile.
             holder = await case.spawn(extra=segment)

@@ -93,7 +93,7 @@ class Log:
 
     @property
     def is_heard(self) -> bool:
-        """Whether a `debug` line is written or overheard: if not, none need be made at a cost."""
+        """Whether `debug` lines are written or overheard; a costly hint is made only then."""
         return _ears.heard is not None or self._logger.isEnabledFor(logging.DEBUG)
 
     def debug(self, message: str, **facts: object) -> None:

@@ -44,13 +44,14 @@ class CommandParser(argparse.ArgumentParser):
         )
 
     def complain(self, words: Sequence[str], rest: Sequence[str]) -> NoReturn:
-        """End with an error about words that no parser has taken.
+        """Print one `error:` line about words that no parser has taken; end with exit code 2.
 
         Args:
             words: the whole command line, by which the command is found that was called.
             rest: those left over.
         """
-        for inner in self._called(words):
+        inner = self._called(words)
+        if inner is not None:
             inner.complain(words[words.index(inner.prog.split()[-1]) + 1 :], rest)
         unknown = next((word for word in rest if word.startswith("-")), None)
         if unknown is None:
@@ -60,14 +61,16 @@ class CommandParser(argparse.ArgumentParser):
         near = _nearest(option.lstrip("-"), known)
         self.error(f"unknown option {option}" + (f" (did you mean --{near}?)" if near else ""))
 
-    def _called(self, words: Sequence[str]) -> Iterable[CommandParser]:
+    @property
+    def _subcommands(self) -> argparse._SubParsersAction[Any] | None:
+        """What chooses among the subcommands; None for a parser without any."""
+        return next((a for a in self._actions if isinstance(a, argparse._SubParsersAction)), None)
+
+    def _called(self, words: Sequence[str]) -> CommandParser | None:
         """The parser of the subcommand that the words call, if there is one."""
-        for action in self._actions:
-            if isinstance(action, argparse._SubParsersAction):
-                named = (word for word in words if not word.startswith("-"))
-                found = action.choices.get(next(named, ""))
-                if isinstance(found, CommandParser):
-                    yield found
+        named = next((word for word in words if not word.startswith("-")), "")
+        found = self._subcommands and self._subcommands.choices.get(named)
+        return found if isinstance(found, CommandParser) else None
 
 
 class ProgramParser(CommandParser):
@@ -75,12 +78,8 @@ class ProgramParser(CommandParser):
 
     def format_help(self) -> str:
         """What to type first, and all commands."""
-        helps = {
-            choice.dest: choice.help or ""
-            for action in self._actions
-            if isinstance(action, argparse._SubParsersAction)
-            for choice in action._choices_actions
-        }
+        choices = self._subcommands._choices_actions if self._subcommands else ()
+        helps = {choice.dest: choice.help or "" for choice in choices}
         listed = {name for names in GROUPS.values() for name in names}
         groups = {**GROUPS, "More": sorted(helps.keys() - listed)}
         width = max(map(len, helps), default=0)

@@ -1,4 +1,4 @@
-"""Tells in the log what a client gets wrong: each thing once."""
+"""Logs what a client gets wrong, each mistake once."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Mistakes:
     """
 
     def __init__(self, peer: str, now: Clock) -> None:
-        """Begin with nothing seen.
+        """Begin with no command seen.
 
         Args:
             peer: `host:port` of the client.
@@ -34,14 +34,16 @@ class Mistakes:
         """
         self._tap = Tap(peer, self._tell, False, now, unwritten=True)
         self._log = Log("robot", connection=peer)
-        self._shapes: set[tuple[object, ...]] = set()
+        self._shapes: set[int] = set()
         self._told: set[str] = set()
 
     def tap(self, command: Command) -> Tap | None:
-        """What listens to a command, or None for a kind that has been looked at before."""
+        """The tap to read a command with, or None for a kind that has been looked at before."""
         if len(command.segments) > _MOST_SEGMENTS or len(self._shapes) >= _MOST_SHAPES:
             return None
-        shape = (command.word, *((name, text[:1].isalpha()) for name, text in command.segments))
+        # Only a hash is kept: a client chooses how long its words are.
+        names = ((name, text[:1].isalpha()) for name, text in command.segments)
+        shape = hash((command.word, *names))
         if shape in self._shapes:
             return None
         self._shapes.add(shape)

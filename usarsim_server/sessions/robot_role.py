@@ -21,7 +21,6 @@ from usarsim_server.protocol.requests import (
     Drive,
     GetConf,
     GetGeo,
-    Ignored,
     MisPkg,
     MultiDrive,
     Request,
@@ -146,8 +145,6 @@ class RobotRole(Role):
                 return self._answer(self._configuration(request), request)
             case GetGeo():
                 return self._answer(self._geometry(request), request)
-            case Ignored():
-                pass  # how it was read says so already
             case _:
                 self._log.debug("request has no effect", request=type(request).__name__)
         return []

@@ -124,7 +124,8 @@ class Session:
             GetClosestPathNode: roles.closest_path_node,
             Set: self._set,
             Sync: self._synchronise,
-            Unknown: self._ignore,
+            Unknown: self._pass_over,
+            Ignored: self._pass_over,
         }
         """What the connection itself obeys; everything else is its role's."""
 
@@ -468,8 +469,11 @@ class Session:
         return []
 
     def _ignore(self, request: Request) -> list[str]:
-        if not isinstance(request, Unknown | Ignored):  # how these were read says so already
-            self._log.debug("ignored: no robot yet", request=type(request).__name__)
+        self._log.debug("ignored: no robot yet", request=type(request).__name__)
+        return []
+
+    def _pass_over(self, _: Unknown | Ignored) -> list[str]:
+        """Do nothing; how the command was read (`explanation.faults`) already says so."""
         return []
 
     def _dismiss(self) -> None:

@@ -67,9 +67,9 @@ async def try_wire_faults(
                 except Crowded:
                     alone.append(fault)
 
-        exclusive = [fault for fault in faults if checks[fault.check].exclusive]
-        alone = [*exclusive]
-        await asyncio.gather(*(attempt_beside(one) for one in faults if one not in exclusive))
+        alone = [fault for fault in faults if checks[fault.check].exclusive]
+        beside = [fault for fault in faults if not checks[fault.check].exclusive]
+        await asyncio.gather(*map(attempt_beside, beside))
         for fault in alone:
             await attempt(fault)
     finally:
