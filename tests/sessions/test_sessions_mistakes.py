@@ -6,6 +6,8 @@ import logging
 
 import pytest
 
+from usarsim_server.protocol.grammar import parse_line
+from usarsim_server.sessions.tap import Row, Tap
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
 MISTAKES = [
@@ -67,3 +69,14 @@ def test_many_mistakes(driver: RehearsedClient, caplog: pytest.LogCaptureFixture
     """A client that sends nonsense without end fills no log."""
     driver.send(*(f"NONSENSE{number} {{A 1}}" for number in range(500)))
     assert len(_told(caplog)) == 20
+
+
+@pytest.mark.parametrize("line", [b"DRIV {Left 1}", b"Trace {On true}"])
+def test_onlooker_reads_that_a_command_did_nothing(line: bytes) -> None:
+    """A command that does not exist, or that is only accepted, has no effect and one fault."""
+    rows: list[Row] = []
+    tap = Tap("127.0.0.1:1", rows.append, False, lambda: 0.0)
+    [command] = parse_line(line)
+    tap.read(command, None)
+    tap.obeyed(None, [])
+    assert [(row.effect, len(row.faults)) for row in rows] == [("none", 1)]

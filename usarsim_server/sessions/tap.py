@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from usarsim_server.base.logs import overheard
 from usarsim_server.protocol import explanation
 from usarsim_server.protocol.grammar import Command
-from usarsim_server.protocol.requests import Drive, Ignored, Request
+from usarsim_server.protocol.requests import Drive, Ignored, Request, Unknown
 from usarsim_server.sessions.robot_role import RobotRole
 from usarsim_server.sessions.schedule import Role
 
@@ -138,7 +138,8 @@ class Tap:
         done = [one for one in notes if one not in complaints]
         if not done and replies:
             done = [f"answered by {len(replies)} line{'s' if len(replies) > 1 else ''}"]
-        effect = "; ".join(done) or ("none" if complaints else "carried out")
+        without = bool(complaints) or isinstance(request, Unknown | Ignored)
+        effect = "; ".join(done) or ("none" if without else "carried out")
         self._say(role, text, listening, request, effect, complaints, False)
         for line in replies:
             self._tell(_name(role), line, False)
